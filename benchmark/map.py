@@ -1,27 +1,29 @@
-"""Which learner needs fewer steps, and where?
+"""What must one know for a table or tile coding to do?
 
-A map asks, at every point of its grids, what a run takes until it has learned. Two learners are
-compared by the probability that the first takes less, over pairs of runs of the same seed, which
-have the same draw of the scenario; ties count as a half. Pairs are independent, so the mean of
+A map asks, at every point of its grids, what a run takes until it has learned, and how it does
+where training never was: in new places, and among onlookers who stand in new ways. Two learners are
+compared over pairs of runs of the same seed, which have the same draw of the scenario: by the
+probability that the first takes less; ties count as a half. Pairs are independent, so the mean of
 these numbers, each 0, 1/2 or 1, has the interval of a proportion.
 
-In each unit, the probability of any wrong verdict is at most 5 %: which learner takes less is
-decided by Holm's method (1979), in thirds of the error, since a verdict can be wrong at either end
-of an interval, or at that of a share of runs that learn. That no winner is wrong assumes that
-contrasts are independent (Shaffer 1980, Annals of Statistics 8:1342-1347); otherwise, it is known
-from simulation.
+A *ladder* has rungs: what learners are told. On each, tile coding is compared with nets that are
+told the same.
+
+For each of steps, new places and new ways, the probability of any wrong verdict is at most 5 %:
+which learner takes less is decided by Holm's method (1979), in thirds of the error, since a verdict
+can be wrong at either end of an interval, or at that of a share of runs that learn. That no winner
+is wrong assumes that contrasts are independent (Shaffer 1980, Annals of Statistics 8:1342-1347);
+otherwise, it is known from simulation.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
-from itertools import chain, compress
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain, product
 from math import prod
-from textwrap import fill
 from typing import Annotated, Any, Final
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import EngFormatter, LogLocator, NullLocator
@@ -30,12 +32,12 @@ from pydantic import Field
 
 from benchmark import specification
 from benchmark.experiment import Experiment, Population
+from benchmark.records import random_success
 from benchmark.statistics import (
     ALPHA,
-    BOOTSTRAP_SEED,
-    RESAMPLES,
     Estimate,
     differences,
+    ends_of,
     holm,
     median,
     p_half,
@@ -54,8 +56,8 @@ from benchmark.study import (
     learning,
     solved_of,
 )
-from benchmark.style import WIDTH, Row, draw_rows, figure_of
-from envs import InputError
+from benchmark.style import WIDTH, Look, figure_of
+from envs import InputError, compile_scenario
 from envs.inputs import Label, Names, Table, unknown_name
 
 Numbers = NDArray[np.float64]
@@ -63,30 +65,40 @@ Key = tuple[str, str, str]
 Pair = Mapping[str, pd.DataFrame]  # runs of x and of y, by seed
 _WRONG: Final = "training_wrong_pings"
 KEYS: Final = ["grid", "point", "learner"]  # the columns that name a population
+NEW: Final = ("unseen", "new_way")  # where training never was
 
 # What an experiment declares
 
 
+class Rung(Table):
+    """What learners are told, and who is compared there."""
+
+    title: Annotated[Label, Field(min_length=1)]
+    """What they are told."""
+    tiles: str
+    """The learner by tile coding."""
+    nets: dict[Label, str] = Field(default_factory=dict)
+    """Nets that are told the same, by what readers call them; figures show the first."""
+
+
+class Ladder(Table):
+    """Rungs, each with more knowledge than the one before."""
+
+    grids: Annotated[Names, Field(min_length=1)]
+    """The grids where they are compared; figures show points at which all rungs run."""
+    rungs: Annotated[tuple[Rung, ...], Field(min_length=1)]
+    """The rungs."""
+
+
 class Panel(Table):
-    """Learners that figures show under a heading."""
+    """Learners that a figure shows under a heading, along the only axis of a grid."""
 
     title: Annotated[Label, Field(min_length=1)]
     """Their heading."""
     grid: str
-    """The grid, with one axis, along which the map shows them."""
+    """The grid."""
     learners: Annotated[Names, Field(min_length=1)]
-    """Their names; some may run at the answer only."""
-
-
-class Answer(Table):
-    """A point at which another figure shows all learners of the panels that run there."""
-
-    grid: str
-    """Its grid."""
-    point: str
-    """Its name in tables: "places 64". It has unseen places."""
-    unseen: str = ""
-    """A grid with one axis, along which another figure shows success in unseen places."""
+    """Their names."""
 
 
 class Margins(Table):
@@ -95,22 +107,30 @@ class Margins(Table):
     probability: Annotated[float, Field(gt=0, lt=0.5)] = 0.1
     """Distance of the probability of taking less from 1/2."""
     ratio: Annotated[float, Field(gt=1)] = 1.1
-    """Ratio of the medians of steps, or of wrong PINGs, if most runs of both learn."""
-    unseen: Annotated[float, Field(gt=0, lt=1)] = 0.1
-    """Difference in mean success in unseen places."""
+    """Ratio of the medians of steps, if most runs of both learn."""
+    success: Annotated[float, Field(gt=0, lt=1)] = 0.1
+    """Difference in mean success in new places, or in new ways."""
 
 
 class Declared(Report):
     """The contrasts that a map decides, and what its figures show."""
 
-    contrasts: Annotated[Pairs, Field(min_length=1)]
-    """Pairs of learners x, y that are compared, with verdicts, wherever there are both."""
+    contrasts: Pairs = ()
+    """Pairs of learners x, y that are compared, with verdicts, wherever there are both. On a
+    ladder, nets are compared with tile coding as well."""
     margins: Margins = Margins()
     """The smallest effects that count."""
-    panels: Annotated[tuple[Panel, ...], Field(min_length=1)]
-    """What the figure of the map shows."""
-    answer: Answer | None = None
-    """What the figure of the answer shows; without it, there is no figure."""
+    ladder: Ladder | None = None
+    """The rungs of the table and the figure of this name; by default there are none."""
+    panels: tuple[Panel, ...] = ()
+    """What the other figure shows; without any, there is none."""
+
+    @property
+    def pairs(self) -> list[tuple[str, str]]:
+        """All pairs that are compared, those of the ladder first."""
+        rungs = self.ladder.rungs if self.ladder else ()
+        of_rungs = [(net, rung.tiles) for rung in rungs for net in rung.nets.values()]
+        return [*dict.fromkeys([*of_rungs, *self.contrasts])]
 
 
 def check(experiment: Experiment, declared: Declared) -> None:
@@ -121,35 +141,31 @@ def check(experiment: Experiment, declared: Declared) -> None:
             raise InputError(f"{where}: {key} is missing; this report needs it.")
     if len(experiment.scenarios) > 1:
         raise InputError(f"{where}: scenarios: {len(experiment.scenarios)}: accepted: exactly one.")
-    _check_names(experiment, declared)
-    for contrast in declared.contrasts:
+    for kind, name, accepted in _named(experiment, declared):
+        if name not in accepted:
+            unknown_name(f"{where}: report", kind, name, accepted)
+    if not declared.pairs:
+        raise InputError(f"{where}: report.contrasts is missing; this report needs it.")
+    for contrast in declared.pairs:
         pairs = compared(experiment, [contrast])
-        efforts = [{(side.seeds, side.first.settings.budget) for side in pair} for pair in pairs]
+        efforts = [{(side.seeds[0], side.first.settings.budget) for side in pair} for pair in pairs]
         if not pairs or any(len(both) > 1 for both in efforts):
             found = f"report.contrasts: {' and '.join(contrast)}"
-            rule = "two learners in one compared grid, with the same seeds and budget"
+            rule = "two learners in one grid, with the same first seed and budget"
             raise InputError(f"{where}: {found}: accepted: {rule}.")
 
 
-def _check_names(experiment: Experiment, declared: Declared) -> None:
-    """Raises an InputError if there is no such learner, grid or point."""
-    panels, answers = declared.panels, [declared.answer] if declared.answer else []
-    learners = chain(*declared.contrasts, *(panel.learners for panel in panels))
-    grids = [panel.grid for panel in panels] + [answer.unseen for answer in answers]
-    flat = [name for name, grid in experiment.declared.grids.items() if len(grid.axes) == 1]
-    points = [each for each in experiment.populations if each.scenario.issuer.unseen]
-    used = {
-        "learner": (learners, experiment.learners),
-        "grid with one axis": (filter(None, grids), flat),
-        "point with unseen places": (
-            [f"{answer.grid}, {answer.point}" for answer in answers],
-            {", ".join(key_of(point)[:2]) for point in points},
-        ),
-    }
-    for kind, (names, accepted) in used.items():
-        for name in names:
-            if name not in accepted:
-                unknown_name(f"{experiment.argument}: report", kind, name, accepted)
+def _named(experiment: Experiment, declared: Declared) -> Iterator[tuple[str, str, Sequence[str]]]:
+    """Yields what kind of thing a report names, its name, and the names that there are."""
+    grids, learners = experiment.declared.grids, [*experiment.learners]
+    flat = [name for name, grid in grids.items() if len(grid.axes) == 1]
+    on_ladder = declared.ladder.grids if declared.ladder else ()
+    for name in chain(on_ladder, (panel.grid for panel in declared.panels)):
+        yield "grid with one axis", name, flat
+    rungs = declared.ladder.rungs if declared.ladder else ()
+    shown = chain.from_iterable(panel.learners for panel in declared.panels)
+    for name in chain(*declared.pairs, shown, (rung.tiles for rung in rungs)):
+        yield "learner", name, learners
 
 
 # Populations
@@ -162,12 +178,11 @@ def key_of(population: Population) -> Key:
 
 
 def compared(
-    experiment: Experiment, contrasts: Iterable[tuple[str, str]]
+    experiment: Experiment, contrasts: Sequence[tuple[str, str]]
 ) -> list[tuple[Population, Population]]:
-    """Lists both populations of each contrast at each compared point that has both."""
+    """Lists both populations of each contrast at each point that has both."""
     known = {key_of(each): each for each in experiment.populations}
-    grids = experiment.declared.grids
-    points = dict.fromkeys(key[:2] for key in known if grids[key[0]].is_compared)
+    points = dict.fromkeys(key[:2] for key in known)
     pairs = [((*point, x), (*point, y)) for point in points for x, y in contrasts]
     return [(known[x], known[y]) for x, y in pairs if {x, y} <= known.keys()]
 
@@ -175,7 +190,8 @@ def compared(
 def _by_key(data: Data) -> dict[Any, pd.DataFrame]:
     """Returns the runs of each population by seed, with what they took."""
     runs = data.runs.merge(data.tables["took"], on=[*KEYS, "seed"])
-    groups = runs.assign(failures=1 - runs["unseen_success"]).groupby(KEYS, sort=False)
+    failures = {unit: 1 - runs[f"{unit}_success"] for unit in NEW}
+    groups = runs.assign(**failures).groupby(KEYS, sort=False)
     return {key: own.set_index("seed") for key, own in groups}
 
 
@@ -193,26 +209,31 @@ def took(data: Data) -> pd.DataFrame:
 def until_learned(curves: pd.DataFrame, level: float) -> dict[str, NDArray[Any]]:
     """Returns what the runs of a population took until they had learned, by seed.
 
-    `steps` and `wrong_pings` are infinite if a run never learned; `_before` is the evaluation
+    `steps` and `wrong_pings` are infinite if a run never learned; `steps_before` is the evaluation
     before. A run has `lost` the level if success is below it in half or more of the later
     evaluations, or of the later steps, or at the end. Runs that reach it `at_last` do so in the
     last evaluation only.
     """
-    steps = curves["step"].unique()
+    steps, seeds = curves["step"].unique(), curves["seed"].unique()
     success, wrong_pings = (
-        curves[name].to_numpy().reshape(-1, len(steps)) for name in ("success", _WRONG)
+        curves[name].to_numpy().reshape(len(seeds), -1) for name in ("success", _WRONG)
     )
     last, is_there = len(steps) - 1, success >= level
     first = np.array([specification.solved(row, [*steps], level)[0] for row in success.tolist()])
-    table: dict[str, NDArray[Any]] = {"seed": curves["seed"].unique()}
-    for name, spent in {"steps": steps + 0 * wrong_pings, "wrong_pings": wrong_pings}.items():
-        own, before = (spent[range(len(spent)), at.clip(0, last)] for at in (first, first - 1))
-        table |= {name: np.where(first > last, np.inf, own), f"{name}_before": before}
-    is_after, is_lost = np.arange(last + 1) > first[:, None], (first < last) & ~is_there[:, last]
+    at, is_after = first.clip(max=last), np.arange(last + 1) > first[:, None]
+    is_lost = (first < last) & ~is_there[:, last]
     for weight in (np.ones(last + 1), np.diff(steps, prepend=0)):  # of evaluations, and of steps
         below = (is_after & ~is_there) @ weight
         is_lost |= (below > 0) & (below >= is_after @ weight / 2)
-    return table | {"lost": is_lost, "at_last": first == last, "untrained": first == 0}
+    return {
+        "seed": seeds,
+        "steps": np.where(first > last, np.inf, steps[at]),
+        "steps_before": steps[(first - 1).clip(0)],
+        "wrong_pings": np.where(first > last, np.inf, wrong_pings[range(len(at)), at]),
+        "lost": is_lost,
+        "at_last": first == last,
+        "untrained": first == 0,
+    }
 
 
 def cells(data: Data) -> pd.DataFrame:
@@ -223,10 +244,12 @@ def cells(data: Data) -> pd.DataFrame:
         is_learned = np.isfinite(own["steps"].to_numpy())
         row: dict[str, Any] = dict(zip(KEYS, key_of(population), strict=True))
         row |= {"n": len(own), "budget": own["budget"].iloc[0], "n_solved": is_learned.sum()}
-        row |= with_ends("solved", proportion(is_learned))
+        row |= {"n_at_last": own["at_last"].sum()} | with_ends("solved", proportion(is_learned))
         for name in ("steps", "wrong_pings"):
             row |= with_ends(name, median(own[name].to_numpy()))
-        rows.append(row | with_ends("unseen_budget", proportion(own["unseen_success"].to_numpy())))
+        for name in (f"{unit}_success" for unit in NEW):
+            row |= with_ends(name, proportion(own[name].to_numpy()))
+        rows.append(row)
     return pd.DataFrame(rows)
 
 
@@ -238,30 +261,62 @@ def needed(cell: "pd.Series[Any]") -> str:
     return f"more than {cell['budget']:,.0f} ({n_learned})"
 
 
-def cpu(data: Data) -> pd.DataFrame:
-    """Measured: median CPU seconds of training until a run has learned."""
-    times = data.runs.groupby(KEYS, sort=False)["cpu_learned_s"]
-    rows = [{"n": len(own)} | with_ends(times.obj.name, median(own.to_numpy())) for _, own in times]
-    return times.first().index.to_frame(index=False).join(pd.DataFrame(rows))
+def rungs(data: Data) -> pd.DataFrame | None:
+    """Each rung of the ladder: tile coding, and a net that is told the same; then chance."""
+    ladder = data.declared.ladder
+    if ladder is None:
+        return None
+    cells = data.tables["cells"].set_index(KEYS)
+    decided = data.tables["contrasts"].set_index([*KEYS[:2], "x", "y"])
+    successes, rows = [f"{unit}_success" for unit in NEW], list[dict[str, Any]]()
+    shown = ["n", "n_solved", "steps", *successes]
+    for rung, (*where, tiles) in product(ladder.rungs, cells.index):
+        if tiles != rung.tiles or where[0] not in ladder.grids:
+            continue
+        for title, net in (rung.nets or {"none": ""}).items():
+            row: dict[str, Any] = {"rung": rung.title, "point": where[1], "net": title}
+            sides = {"tiles": tiles, "net": net} if net else {"tiles": tiles}
+            for side, learner in sides.items():
+                cell, chosen = (
+                    cells.loc[(*where, learner)],
+                    data.experiment.learners[learner].chosen,
+                )
+                row |= {f"{side}_{name}": cell[name] for name in shown}
+                row |= {f"{side}_trials": chosen.trials + 1 if chosen else 1}
+            if net:
+                test = decided.loc[(*where, net, tiles)]
+                row |= with_ends("net_wins", ends_of("steps_wins", test))
+                row |= {"steps_verdict": test["steps_verdict"]}
+            rows.append(row)
+    scored = [f"{side}_{name}" for side in ("tiles", "net") for name in successes]
+    rows.append({"rung": "chance", "point": "", "net": ""} | dict.fromkeys(scored, _chance(data)))
+    return pd.DataFrame(rows)
+
+
+def _chance(data: Data) -> float:
+    """Returns the random policy's success, which is the same in old and new places on average."""
+    (scenario,) = data.experiment.scenarios.values()
+    return random_success(compile_scenario(scenario), data.experiment.declared.horizon)
 
 
 # Which of two learners took less
 
 
 def contrasts(data: Data) -> pd.DataFrame:
-    """The declared contrasts: which learner takes less until it has learned."""
+    """The declared contrasts: which learner takes less until it has learned, or fails less."""
     runs, rows = _by_key(data), list[dict[str, Any]]()
     pairs = dict[str, Pair]()  # by their runs: a contrast in two grids is decided once
-    for x, y in compared(data.experiment, data.declared.contrasts):
-        pair = {"x": runs[key_of(x)], "y": runs[key_of(y)]}
+    for x, y in compared(data.experiment, data.declared.pairs):
+        of_x, of_y = runs[key_of(x)], runs[key_of(y)]
+        both = of_x.index.intersection(of_y.index)
+        pair = {"x": of_x.loc[both], "y": of_y.loc[both]}
         pairs[key := " ".join(chain(*(own["run"] for own in pair.values())))] = pair
-        of_x, of_y = (own["steps"].to_numpy() for own in pair.values())
         diverged = [(own["diverged_at"] <= own["budget"]).sum() for own in pair.values()]
         row: dict[str, Any] = dict(zip(("grid", "point", "x"), key_of(x), strict=True))
-        row |= {"y": y.learner.name, "key": key, "n": len(of_x)}
-        row |= {"differs": differences(x, y, diverged)}
-        row |= {"learned_x": np.isfinite(of_x).sum(), "learned_y": np.isfinite(of_y).sum()}
-        rows.append(row | with_ends("ratio", ratio(of_x, of_y, x.first.settings.budget)))
+        row |= {"y": y.learner.name, "key": key, "n": len(both)}
+        for side, own in pair.items():
+            row[f"learned_{side}"] = np.isfinite(own["steps"]).sum()
+        rows.append(row | {"differs": differences(x, y, diverged)})
     table = pd.DataFrame(rows)
     for unit in UNITS:
         having = {key: pair for key, pair in pairs.items() if pair["x"][unit].notna().all()}
@@ -270,34 +325,8 @@ def contrasts(data: Data) -> pd.DataFrame:
     return table.drop(columns="key")
 
 
-def ratio(x: Numbers, y: Numbers, budget: int) -> Estimate:
-    """Returns the median steps of y divided by those of x, over pairs of runs.
-
-    Where at least half of the runs never learn, the budget counts, so the ratio is a bound. It is
-    NaN if this holds for both learners, or if a median is 0. The interval resamples pairs.
-    """
-    rng, n = np.random.default_rng(BOOTSTRAP_SEED), len(x)
-    drawn = np.vstack([np.arange(n), rng.integers(n, size=(RESAMPLES, n))])
-    below, above = (np.median(steps[drawn], axis=1) for steps in (x, y))
-    if not 0 < min(below[0], above[0]) < np.inf:
-        return Estimate(np.nan, np.nan, np.nan)
-    with np.errstate(divide="ignore", invalid="ignore"):  # some runs may have learned at step 0
-        samples = np.minimum(above, budget) / np.minimum(below, budget)
-    return Estimate(samples[0], *np.nanpercentile(samples[1:], [2.5, 97.5]))
-
-
-# By unit: the columns of the verdict, of why there is none, and of the probability that x takes
-# less, and the verdicts if x or y takes less
-UNITS: Final = {
-    "steps": ("verdict", "why_none", "faster", ("faster", "slower")),
-    "wrong_pings": (
-        "wrong_pings_verdict",
-        "wrong_pings_why",
-        "fewer_wrong_pings",
-        ("fewer", "more"),
-    ),
-    "failures": ("failures_verdict", "failures_why", "fewer_failures", ("fewer", "more")),
-}
+# What is taken, steps or failures, and the verdicts if x or y takes less
+UNITS: Final = {"steps": ("faster", "slower")} | dict.fromkeys(NEW, ("better", "worse"))
 UNDECIDED: Final = "undecided"
 NEITHER: Final = "most runs of neither learner learn"
 NO_VERDICT: Final = "no verdict"  # for one of these reasons
@@ -310,15 +339,14 @@ LOST: Final = (
 )
 SMALL: Final = "the difference is smaller than the margin"
 _ENDS: Final = 3  # if a verdict is wrong, so is one of three ends of intervals, see above
-_MOST_NAMED: Final = 4  # verdicts of any kind in a text
 _COARSE: Final = 1.25  # largest ratio of successive evaluations that are not too far apart
 
 
 def decide_all(pairs: Mapping[str, Pair], unit: str, margins: Margins) -> pd.DataFrame:
-    """Decides contrasts in a unit: columns of `UNITS`, by the keys of pairs of runs."""
+    """Decides contrasts in a unit: the verdict, why there is none, and how often x takes less."""
     parts = [evidence(pair, unit, margins) for pair in pairs.values()]
     found: Any = pd.DataFrame(parts, index=[*pairs])
-    verdict, why, less, words = UNITS[unit]
+    words = UNITS[unit]
     adjusted = np.array(holm((_ENDS * found["p_known"]).clip(upper=1)))
     n_open, tail = (adjusted > ALPHA).sum(), ALPHA / _ENDS / len(found)
     cases = {
@@ -328,9 +356,10 @@ def decide_all(pairs: Mapping[str, Pair], unit: str, margins: Margins) -> pd.Dat
         NEITHER: proportion_interval(found["never"], found["n"], tail)[0] > 0.5,
     }
     decided = np.select([*cases.values()], [*cases], UNDECIDED)
-    table = {verdict: decided, why: found["why"].where(decided == NO_VERDICT, "")}
+    why = found["why"].where(decided == NO_VERDICT, "")
     ends = proportion_interval(found["less"], found["n"], tail)
-    return pd.DataFrame(table | with_ends(less, Estimate(found["less"], *ends)), index=[*pairs])
+    wins = with_ends(f"{unit}_wins", Estimate(found["less"], *ends))
+    return pd.DataFrame({f"{unit}_verdict": decided, f"{unit}_why": why} | wins, index=[*pairs])
 
 
 def evidence(pair: Pair, unit: str, margins: Margins) -> dict[str, object]:
@@ -360,18 +389,20 @@ def evidence(pair: Pair, unit: str, margins: Margins) -> dict[str, object]:
 
 
 def _open(pair: Pair, unit: str) -> NDArray[np.str_]:
-    """Returns why it is not known which run of each pair took less; empty if it is.
+    """Returns why it is not known which run of each pair took fewer steps; empty if it is.
 
     What a run took lies between two evaluations. One that reaches the level in the last evaluation
     only may have learned then, or never.
     """
-    if unit == "failures":
-        return np.full(len(pair["x"]), "")
     x, y = pair["x"], pair["y"]
-    before, is_learned = f"{unit}_before", np.isfinite(x[unit]) & np.isfinite(y[unit])
-    overlaps = is_learned & (x[unit] > y[before]) & (y[unit] > x[before])
-    is_coarse = (x[unit] > _COARSE * x[before]) | (y[unit] > _COARSE * y[before])
-    is_at_last = (x["at_last"] & (x[unit] <= y[unit])) | (y["at_last"] & (y[unit] <= x[unit]))
+    if unit != "steps":
+        return np.full(len(x), "")
+    is_learned = np.isfinite(x["steps"]) & np.isfinite(y["steps"])
+    overlaps = is_learned & (x["steps"] > y["steps_before"]) & (y["steps"] > x["steps_before"])
+    is_coarse = x["steps"] > _COARSE * x["steps_before"]
+    is_coarse |= y["steps"] > _COARSE * y["steps_before"]
+    is_at_last = x["at_last"] & (x["steps"] <= y["steps"])
+    is_at_last |= y["at_last"] & (y["steps"] <= x["steps"])
     cases = [x["untrained"] | y["untrained"], is_at_last, overlaps & is_coarse]
     return np.select(cases, [UNTRAINED, AT_LAST, COARSE], "")
 
@@ -383,12 +414,12 @@ def _flaw(winner: pd.DataFrame, loser: pd.DataFrame, unit: str, margins: Margins
         return NOT_LEARNED
     if (has_learned & ~winner["untrained"]).mean() <= 0.5:
         return UNTRAINED
-    if unit == "failures":
+    if unit != "steps":
         gain = loser[unit].mean() - winner[unit].mean()
-        return SMALL if round(gain, 9) < margins.unseen else ""
+        return SMALL if round(gain, 9) < margins.success else ""
     if winner["lost"][has_learned].mean() >= 0.5:
         return LOST
-    less, more = winner[unit].median(), loser[unit].median()
+    less, more = winner["steps"].median(), loser["steps"].median()
     return "" if more > less and more >= round(margins.ratio * less, 9) else SMALL
 
 
@@ -396,230 +427,192 @@ TABLES: Final[dict[str, TableFunction]] = {
     "took": took,
     "cells": cells,
     "contrasts": contrasts,
-    "cpu": cpu,
+    "rungs": rungs,
 }
 
 # Figures
 
+_SIDES: Final[tuple[Look, Look]] = (  # of a rung: tile coding, and the net
+    {"color": "#b3003c", "marker": "s", "ls": ""},
+    {"color": "#0173b2", "marker": "o", "ls": ""},
+)
+_CHANCE: Final[Look] = {"color": "0.5", "ls": "--", "lw": 1}
+_HOLLOW: Final = {
+    "hollow: most runs never learn": Line2D([], [], marker="o", c="0.3", mfc="w", ls="")
+}
+_ROWS: Final = {
+    "steps": "steps until it has learned\n(lower is better)",
+    "unseen_success": "success in new places\n(higher is better)",
+}
 
-def answer(data: Data) -> Figure | None:
-    """Steps until learners have learned, and success in unseen places, at one point."""
-    declared = data.declared.answer
+
+def ladder(data: Data) -> Figure | None:
+    """What must one know? On each rung, tile coding and a net are told the same."""
+    declared = data.declared.ladder
     if declared is None:
         return None
-    panels = _panels_in(data, declared.grid)
-    n_rows = sum(1 + len(panel.learners) for panel in panels)
-    with figure_of(1, 2, (WIDTH, 1 + 0.3 * n_rows)) as (figure, axes):
-        left, right = axes[0]
-        for axis, column in ((left, "steps"), (right, "unseen_budget")):
-            cells = _shown(data, declared.grid, column)
-            cells = cells[cells["point"] == declared.point].set_index("learner")
-            rows = list[Row]()
-            for panel in panels:
-                rows.append(Row(panel.title, {}))
-                rows += [_row(data, cells.loc[name]) for name in panel.learners]
-            draw_rows(axis, rows, is_named=axis is left)
-        left.set_title(f"{declared.point} ({declared.grid})", loc="left")
-        left.set(xscale="log", xlabel="steps until it\nhas learned (← better)")
-        _format_steps(left.xaxis)
-        right.set(xlim=(0, 1.02), xticks=(0, 0.5, 1), xlabel="success in unseen\nplaces (better →)")
+    cells, rungs = data.tables["cells"].set_index(KEYS), declared.rungs
+    points = list(dict.fromkeys(key[:2] for key in cells.index if key[0] in declared.grids))
+    points = [at for at in points if all((*at, rung.tiles) in cells.index for rung in rungs)]
+    names = [next(iter(rung.nets), "") for rung in rungs]
+    with figure_of(2, len(points), (WIDTH, 5.6)) as (figure, axes):
+        for column, point in zip(axes.T, points, strict=True):
+            for axis, name in zip(column, _ROWS, strict=True):
+                for i, rung in enumerate(rungs):
+                    learners = [rung.tiles, *[*rung.nets.values()][:1]]
+                    own = cells.loc[[(*point, learner) for learner in learners]]
+                    at = i + np.array([-0.13, 0.13])[: len(own)]
+                    axis.plot(at, _shown(data, own, name)[0], color="0.5", lw=1, zorder=1)
+                    for k, look in enumerate(_SIDES[: len(own)]):
+                        _draw(data, axis, at[[k]], own.iloc[[k]], name, look)
+                axis.set_xticks(range(len(rungs)), [""] * len(rungs))
+                axis.set_xlim(-0.5, len(rungs) - 0.5)
+            column[0].set_title(" ".join(reversed(point[1].split())), loc="left")
+            column[1].axhline(_chance(data), **_CHANCE)
+            titles = [rung.title for rung in rungs]
+            column[1].set_xticklabels(titles, rotation=40, ha="right", rotation_mode="anchor")
+        titles = "tile coding", next(filter(None, names), "net")
+        marks = dict(zip(titles, (Line2D([], [], **look) for look in _SIDES), strict=True))
+        _finish(figure, axes, marks | {"chance": Line2D([], [], **_CHANCE)})
     return figure
 
 
-def _row(data: Data, cell: "pd.Series[Any]") -> Row:
-    """Returns a cell as a row of the figure; its marker is hollow if it is infinite."""
-    hollow = {"mfc": "white"} if cell["is_never"] else {}
-    title, ends = fill(data.title(cell.name), 34), (cell["value"], cell["low"], cell["high"])
-    return Row(title, data.look(cell.name) | hollow, ends, cell["text"])
-
-
-def _panels_in(data: Data, grid: str) -> list[Panel]:
-    """Returns the panels as they are in another grid: learners that run there, each once."""
-    ran = {*_shown(data, grid, "steps")["learner"]}
-    panels = list[Panel]()
-    for panel in data.declared.panels:
-        learners = tuple(name for name in panel.learners if name in ran)
-        ran -= {*learners}
-        if learners:
-            panels.append(panel.model_copy(update={"grid": grid, "learners": learners}))
-    return panels
-
-
-def _shown(data: Data, grid: str, column: str) -> pd.DataFrame:
-    """Returns a column of the cells of a grid as it is drawn, with its interval and its text."""
-    cells = data.tables["cells"]
-    cells = cells[cells["grid"] == grid]
-    shown = cells[[column, f"{column}_low", f"{column}_high"]]
-    texts = shown[column].map("{:.2f}".format)
-    if column == "steps":
-        learned = cells["n_solved"].astype(str) + " of " + cells["n"].astype(str) + " learn"
-        texts = shown[column].map("{:,.0f}".format).where(np.isfinite(shown[column]), learned)
-        shown = shown.clip(data.experiment.declared.evaluation_every, cells["budget"], axis=0)
-    shown = shown.set_axis(["value", "low", "high"], axis=1)
-    names, is_never = cells[["point", "learner"]], np.isinf(cells[column])
-    return shown.join(names).assign(text=texts, is_never=is_never)
-
-
-def _format_steps(axis: Axis) -> None:
-    axis.set_major_locator(LogLocator(subs=(1, 3)))
-    axis.set_major_formatter(EngFormatter(sep=""))
-    axis.set_minor_locator(NullLocator())
-
-
-def picture(data: Data) -> Figure:
-    """Steps until learners have learned, medians with 95 % intervals; hollow: half never learn."""
-    return _panels(data, data.declared.panels, "steps", "steps until it has learned")
-
-
-def unseen(data: Data) -> Figure | None:
-    """Success in unseen places at the end of training, means with 95 % intervals."""
-    grid = data.declared.answer and data.declared.answer.unseen
-    if not grid:
+def along(data: Data) -> Figure | None:
+    """Steps until learners have learned, and success in new places, along the axis of a grid."""
+    panels = data.declared.panels
+    if not panels:
         return None
-    return _panels(data, _panels_in(data, grid), "unseen_budget", "success in unseen places")
-
-
-def _panels(data: Data, panels: Sequence[Panel], column: str, label: str) -> Figure:
-    """Draws a column of the cells along the axis of each panel's grid, two panels in a row."""
-    n_rows, n_columns = -(-len(panels) // 2), min(len(panels), 2)
-    n_learners = len({name for panel in panels for name in panel.learners})
-    with figure_of(n_rows, n_columns, (WIDTH, 2.9 * n_rows + 0.15 * n_learners)) as (figure, axes):
-        lines = dict[str, Line2D]()
-        for axis, panel in zip(axes.flat, panels, strict=False):
-            axis.sharey(axes[0, 0])
-            lines |= _draw_panel(data, axis, panel, column)
-            axis.set_title(panel.title, loc="left")
-            if column == "steps":
-                axis.set_yscale("log")
-                _format_steps(axis.yaxis)
-            else:
-                axis.set_ylim(0, 1.03)
-        for axis in axes[:, 0]:
-            axis.set_ylabel(label)
-        figure.legend(lines.values(), lines, loc="outside lower center", ncols=2, frameon=False)
+    cells, lines = data.tables["cells"].set_index(KEYS), dict[str, Line2D]()
+    with figure_of(2, len(panels), (WIDTH, 6.2)) as (figure, axes):
+        for column, panel in zip(axes.T, panels, strict=True):
+            ((name, values),) = data.experiment.declared.grids[panel.grid].axes.items()
+            numbers = sorted(values, key=lambda value: prod(map(float, value.split("x"))))
+            for i, learner in enumerate(panel.learners):
+                own = cells.loc[[(panel.grid, f"{name} {value}", learner) for value in numbers]]
+                at = np.arange(len(own)) + 0.4 * ((i + 0.5) / len(panel.learners) - 0.5)
+                title = data.experiment.learners[learner].declared.title
+                for axis, shown in zip(column, _ROWS, strict=True):
+                    lines[title] = _draw(data, axis, at, own, shown, data.look(learner))
+            for axis in column:
+                axis.set_xticks(range(len(numbers)), numbers)
+            column[0].set_title(panel.title, loc="left")
+            column[1].set_xlabel(name)
+            column[1].axhline(_chance(data), **_CHANCE)
+        _finish(figure, axes, lines | {"chance": Line2D([], [], **_CHANCE)})
     return figure
 
 
-def _draw_panel(data: Data, axis: Axes, panel: Panel, column: str) -> dict[str, Line2D]:
-    """Draws learners beside each other at each value of a grid's axis; returns lines by title."""
-    ((name, values),) = data.experiment.declared.grids[panel.grid].axes.items()
-    numbers = sorted(values, key=lambda value: prod(map(float, value.split("x"))))
-    places = {f"{name} {value}": i for i, value in enumerate(numbers)}
-    cells, lines = _shown(data, panel.grid, column), dict[str, Line2D]()
-    cells["at"] = cells["point"].map(places)
-    shown = [learner for learner in panel.learners if learner in {*cells["learner"]}]
-    for learner, shift in zip(shown, np.linspace(-0.2, 0.2, len(shown)), strict=True):
-        rows, own = cells[cells["learner"] == learner].sort_values("at"), data.look(learner)
-        x, y = rows["at"] + shift, rows["value"]
-        axis.vlines(x, rows["low"], rows["high"], color=own["color"], lw=4, alpha=0.35)
-        (lines[data.title(learner)],) = axis.plot(x, y, **own, lw=1.5)
-        hollow, is_never = {"mfc": "white", "ls": ""}, rows["is_never"]
-        axis.plot(x[is_never], y[is_never], **own | hollow)
-    axis.set_xticks(range(len(numbers)), numbers)
-    axis.set(xlim=(-0.5, len(numbers) - 0.5), xlabel=name)
-    return lines
+def _draw(
+    data: Data, axis: Axes, at: Numbers, cells: pd.DataFrame, name: str, look: Look
+) -> Line2D:
+    """Draws a column of cells with its intervals; hollow, at the budget, if it is infinite."""
+    value, low, high = _shown(data, cells, name)
+    axis.vlines(at, low, high, color=look["color"], lw=4, alpha=0.35)
+    (line,) = axis.plot(at, value, **look)
+    is_never = np.isinf(cells[name].to_numpy())
+    axis.plot(at[is_never], value[is_never], **look | {"mfc": "white", "ls": ""})
+    return line
 
 
-FIGURES: Final[dict[str, FigureFunction]] = {"answer": answer, "map": picture, "unseen": unseen}
+def _shown(data: Data, cells: pd.DataFrame, name: str) -> Numbers:
+    """Returns a column of cells with its ends, (3, cells), as far as figures show them."""
+    shown = cells[[name, f"{name}_low", f"{name}_high"]].to_numpy().T
+    if name != "steps":
+        return shown
+    return shown.clip(data.experiment.declared.evaluation_every, cells["budget"].to_numpy())
+
+
+def _finish(figure: Figure, axes: NDArray[Any], lines: Mapping[str, Line2D]) -> None:
+    """Gives both rows their scales and labels, and the figure its legend."""
+    for row, label in zip(axes, _ROWS.values(), strict=True):
+        row[0].set_ylabel(label)
+        for axis in row:
+            axis.sharey(row[0])
+            axis.tick_params(labelleft=axis is row[0])
+    axes[0, 0].set_yscale("log")
+    axes[0, 0].yaxis.set_major_locator(LogLocator(subs=(1, 3)))
+    axes[0, 0].yaxis.set_major_formatter(EngFormatter(sep=""))
+    axes[0, 0].yaxis.set_minor_locator(NullLocator())
+    axes[1, 0].set(ylim=(-0.03, 1.03), yticks=(0, 0.5, 1))
+    marks = {**lines} | _HOLLOW
+    figure.legend(marks.values(), marks, loc="outside upper center", ncols=4, frameon=False)
+
+
+FIGURES: Final[dict[str, FigureFunction]] = {"ladder": ladder, "along": along}
 
 # Text
 
 SHOWN: Final = {
-    "contrasts": (
-        "grid point x y n learned_x learned_y verdict why_none ratio differs failures_verdict"
+    "rungs": (
+        "rung point net tiles_n_solved net_n_solved tiles_steps net_steps net_wins"
+        " tiles_unseen_success net_unseen_success tiles_new_way_success net_new_way_success"
     ),
-    "cells": "grid point learner n solved steps wrong_pings unseen_budget",
+    "contrasts": "grid point x y n learned_x learned_y steps_verdict steps_why unseen_verdict",
 }
 COLUMNS: Final = {
     "at_last": "whether the run reaches the level in the last evaluation only",
-    "cpu_learned_s": "CPU seconds of training until a run has learned, median; inf if half do not",
-    "failures_verdict": "the verdict on x by failures in unseen places at the end",
-    "failures_why": "why there is no verdict by failures",
-    "faster": "probability that x takes fewer steps",
-    "fewer_failures": "probability that x fails less often in unseen places at the end",
-    "fewer_wrong_pings": "probability that x takes fewer wrong PINGs",
     "grid": "grid of the experiment",
     "learned_x": "runs of x that learn",
     "learned_y": "runs of y that learn",
     "lost": "whether success is below the level later: at the end, or for half of the time",
     "n": "runs; of contrasts, pairs of runs",
+    "n_at_last": "runs that reach the level in the last evaluation only",
     "n_solved": "runs that learn",
+    "net": "net that is told the same as tile coding",
+    "net_*": "* of the net",
+    "net_wins": "probability that the net takes fewer steps than tile coding",
     "point": "point of the grid",
-    "ratio": "median steps of y / of x; a bound, with the budget, if one never learns",
+    "rung": "what learners are told",
     "solved": "share of runs that learn",
     "steps": "steps until a run has learned, or their median; inf if it never does",
     "steps_before": "steps of the evaluation before",
-    "unseen_budget": "success in unseen places at the end of training",
+    "tiles_*": "* of tile coding",
+    "trials": "settings that were tried to find those of the learner",
     "untrained": "whether the untrained policy reaches the level",
-    "verdict": "the verdict on x by steps",
-    "why_none": "why there is no verdict by steps",
     "wrong_pings": "wrong PINGs until a run has learned, or their median; inf if it never does",
-    "wrong_pings_before": "wrong PINGs at the evaluation before",
-    "wrong_pings_verdict": "the verdict on x by wrong PINGs until a run has learned",
-    "wrong_pings_why": "why there is no verdict by wrong PINGs",
+    "*_verdict": "the verdict on x by *",
+    "*_why": "why there is no verdict by *",
+    "*_wins": "probability that x takes less than y, or succeeds more often, by *",
 }
 
 
 def headline(data: Data) -> str:
-    """Says how the contrasts of the first grid ended, by steps."""
-    table, margins = data.tables["contrasts"].fillna(""), data.declared.margins
-    grid, cells = table["grid"].iloc[0], data.tables["cells"]
-    table = table[table["grid"] == grid]
-    n_decided = table["verdict"].isin(UNITS["steps"][-1]).sum()
-    budgets = " or ".join(f"{n:,}" for n in cells[cells["grid"] == grid]["budget"].unique())
-    groups = [*table.groupby(["x", "y", "verdict", "why_none", "differs"], sort=False)]
-    is_named = [len(groups) <= _MOST_NAMED or names[2] != UNDECIDED for names, _ in groups]
-    lines = [_sentence(data, names, rows) for names, rows in compress(groups, is_named)]
-    if not all(is_named):
-        lines.append(f"- All others in this grid are {UNDECIDED}, see contrasts.csv.")
-    text = "\n".join(lines)
+    """Lists what is decided by steps."""
+    table = data.tables["contrasts"]
+    groups = table.groupby(["grid", "x", "y", "steps_verdict"], sort=False)["point"]
+    lines = [
+        f"- {data.title(x)} compared with {data.title(y)}: {verdict} ({grid}: {', '.join(points)})"
+        for (grid, x, y, verdict), points in groups
+        if verdict in UNITS["steps"]
+    ]
     return f"""\
-In the grid `{grid}`, one learner is faster in {n_decided} of {len(table)} contrasts: it needs fewer
-steps until success is at or above {solved_of(data.experiment).success:g}, at every evaluation until
-the first one at or after twice as many steps, or to the end of all {budgets} steps.
-{giving_up(data.experiment)}
+One learner is faster in {table["steps_verdict"].isin(UNITS["steps"]).sum()} of {len(table)}
+contrasts: it needs fewer steps until it has learned. {giving_up(data.experiment)}
 
-{text}
-
-*Faster* and *slower* require a significant difference at the 5 % level, a probability of taking
-less that differs from 1/2 by {margins.probability:g} or more, and medians that differ by a factor
-of {margins.ratio:g} or more."""
-
-
-def _sentence(data: Data, names: Iterable[object], rows: pd.DataFrame) -> str:
-    """Says what the verdict on two learners is at some points, why, and what else differs."""
-    (x, y, verdict, why, differs), points = map(str, names), []
-    for row in rows.to_dict("records"):
-        learned = f"{row['learned_x']} and {row['learned_y']} runs learn"
-        points.append(f"{row['point']} ({learned})")
-    also = differs and f"also different: {differs}"
-    details = "; ".join(filter(None, [f"{rows['n'].min()} pairs of runs", also, why]))
-    sides = f"{data.title(x)} compared with {data.title(y)}"
-    return f"- {sides}: {verdict} at {', '.join(points)}; {details}."
+{chr(10).join(lines)}"""
 
 
 def reading(data: Data) -> str:
-    """Explains learning, contrasts and unseen places."""
+    """Explains learning, contrasts and new places."""
     margins, solved = data.declared.margins, solved_of(data.experiment)
     return f"""\
 {learning(data.experiment)}
 Successive evaluations, except the first ones, are at most about {100 * (solved.growth - 1):.0f} %
-apart. What happens later is measured only in runs trained to the budget, for example where there
-are unseen places. In figures, hollow markers mean that at least half of the runs never learn.
+apart. *New places* are those where the person never stood in training, and in *new ways*, onlookers
+stand around a known place as they never did; success there is exact, of the last policy. Chance is
+the random policy. In figures, bars are 95 % intervals.
 
 Contrasts pair runs of the same seed, which have the same draw of the scenario. A run that never
 learns takes more than every run that does; two such runs are tied, and a tie counts as a half.
-*Faster* and *fewer* mean that x takes less, *slower* and *more* that y does: the probability of
-taking less differs from 1/2 significantly, and by {margins.probability:g} or more; the other's
-median of steps or wrong PINGs is at least {margins.ratio:g} times as large, or its success in
-unseen places lower by {margins.unseen:g} or more; and the learner that takes less has learned, by
-training, in more than half of its runs and, except for unseen places, has not lost the level in
-half of these (at the end, or in half of the later evaluations or steps). There is *no verdict* if a
-significant difference fails another condition, or depends on runs whose evaluations are too far
-apart, or that reach the level only in the last evaluation or untrained. *{NEITHER.capitalize()}* is
-said only if no difference is significant.
+*Faster* and *better* mean that x takes fewer steps, or succeeds more often: the probability that it
+does in a pair of runs differs from 1/2 significantly, and by {margins.probability:g} or more; the
+other's median of steps is at least {margins.ratio:g} times as large, or its mean success lower by
+{margins.success:g} or more; and x has learned, by training, in more than half of its runs and, for
+steps, has not lost the level in half of these (at the end, or in half of the later evaluations or
+steps). *Slower* and *worse* mean the same of y. There is *no verdict* if a significant difference
+fails another condition, or depends on runs whose evaluations are too far apart, or that reach the
+level only in the last evaluation or untrained.
 
-The probability of any wrong verdict is at most 5 % for each of steps, wrong PINGs, and failures in
-unseen places at the end of training (Holm's method; if contrasts share runs, this is known from
-simulation). Intervals in `contrasts.csv`, those of its first step, hold for all contrasts at
-once."""
+The probability of any wrong verdict is at most 5 % for each of steps, new places and new ways
+(Holm's method; if contrasts share runs, this is known from simulation). Intervals in
+`contrasts.csv`, those of its first step, hold for all contrasts at once."""

@@ -18,7 +18,7 @@ MINIATURES: dict[str, tuple[list[str], list[str], set[str]]] = {
     "test-slow": (["TESTS=tests/benchmark/test_export.py"], ["1 passed"], set()),
     "check": (["CHECKED=tests/__init__.py"], ["no issues found in 1 source file"], set()),
     "report": ([], [], {"README.md", "index.html"}),
-    "when": (*SMOKE, {"runs.db", "when_smoke/map.svg"}),
+    "when": (*SMOKE, {"runs.db", "when_smoke/ladder.svg"}),
     "compare-deep": (*SMOKE, {"runs.db", "compare_deep_smoke/curves.svg"}),
     "speed": (["SPEED=--smoke"], [], {"speed_smoke/README.md"}),
 }

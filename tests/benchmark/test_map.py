@@ -30,8 +30,14 @@ settings = {{ budget = {BUDGET}, time_limit = 60, record_every = {BUDGET}, epsil
 [report]
 kind = "map"
 contrasts = [["{SHARED}", "{TABLE}"]]
-answer = {{ grid = "new", point = "places 8", unseen = "new" }}
 panels = [{{ grid = "places", title = "All", learners = ["{SHARED}", "{TABLE}"] }}]
+
+[report.ladder]
+grids = ["places", "new"]
+rungs = [
+  {{ title = "cells", tiles = "{TABLE}", nets = {{ DQN = "{SHARED}", PPO = "{SHARED}" }} }},
+  {{ title = "offsets", tiles = "{SHARED}" }},
+]
 
 [grids.places]
 scenario = {{ "grid.rows" = 5, "grid.columns" = 6 }}
@@ -88,8 +94,8 @@ def made(
             curves.append(pd.DataFrame(keys | curve))
             has_new = new if population.scenario.issuer.unseen else np.nan
             run = {"run": population.first.with_seed(seed).digest, "budget": BUDGET}
-            run |= {"success": success[-1], "unseen_success": has_new}
-            runs.append(keys | run | {"cpu_learned_s": 1.0, "diverged_at": np.inf})
+            run |= {"success": success[-1], "unseen_success": has_new, "new_way_success": has_new}
+            runs.append(keys | run | {"diverged_at": np.inf})
     data = Data(experiment, declared, pd.DataFrame(runs), pd.concat(curves, ignore_index=True))
     for name, function in maps.TABLES.items():
         table_made = function(data)
@@ -111,46 +117,38 @@ def row_of(data: Data, grid: str = "places") -> "pd.Series[Any]":
 
 
 @pytest.mark.parametrize(
-    ("shared", "table", "verdict", "why", "ratio"),
+    ("shared", "table", "verdict", "why"),
     [
-        ({1000: 1}, {1600: 1}, "faster", "", 1.6),
-        ({1600: 1}, {1000: 1}, "slower", "", 0.625),
-        ({1000: 1}, NEVER, "faster", "", 100),  # the budget counts
-        ({1000: 1}, {1050: 1}, "no verdict", maps.SMALL, 1.05),
-        (NEVER, NEVER, maps.NEITHER, "", np.nan),
-        ({1000: 1}, {1000: 1}, "undecided", "", 1),
-        ({0: 1}, NEVER, "no verdict", maps.UNTRAINED, np.nan),
-        ({BUDGET: 1}, NEVER, "no verdict", maps.AT_LAST, 1),
-        ({5000: 1}, {BUDGET: 1}, "faster", "", 20),
-        ({1000: 1, 3000: 0, BUDGET: 1}, {9000: 1}, "no verdict", maps.LOST, 9),
-        ({1000: 1, 90_000: 0}, {9000: 1}, "no verdict", maps.LOST, 9),
+        ({1000: 1}, {1600: 1}, "faster", ""),
+        ({1600: 1}, {1000: 1}, "slower", ""),
+        ({1000: 1}, NEVER, "faster", ""),  # the budget counts
+        ({1000: 1}, {1050: 1}, "no verdict", maps.SMALL),
+        (NEVER, NEVER, maps.NEITHER, ""),
+        ({1000: 1}, {1000: 1}, "undecided", ""),
+        ({0: 1}, NEVER, "no verdict", maps.UNTRAINED),
+        ({BUDGET: 1}, NEVER, "no verdict", maps.AT_LAST),
+        ({5000: 1}, {BUDGET: 1}, "faster", ""),
+        ({1000: 1, 3000: 0, BUDGET: 1}, {9000: 1}, "no verdict", maps.LOST),
+        ({1000: 1, 90_000: 0}, {9000: 1}, "no verdict", maps.LOST),
         # below the level in few evaluations, but for most steps
-        ({30: 1, 5000: 0, BUDGET: 1}, {9000: 1}, "no verdict", maps.LOST, 300),
-        ({1000: 1, 3000: 0, 4000: 1}, {9000: 1}, "faster", "", 9),  # recovers
-        ({1000: 1}, {9000: 1, 90_000: 0}, "faster", "", 9),  # the loser may lose more
+        ({30: 1, 5000: 0, BUDGET: 1}, {9000: 1}, "no verdict", maps.LOST),
+        ({1000: 1, 3000: 0, 4000: 1}, {9000: 1}, "faster", ""),  # recovers
+        ({1000: 1}, {9000: 1, 90_000: 0}, "faster", ""),  # the loser may lose more
     ],
 )
-def test_verdicts_and_ratios_by_hand(
-    shared: Curve, table: Curve, verdict: str, why: str, ratio: float, tmp_path: Path
+def test_verdicts_by_hand(
+    shared: Curve, table: Curve, verdict: str, why: str, tmp_path: Path
 ) -> None:
     data = made(tmp_path, [shared], [table])
     row = row_of(data)
-    assert (row["verdict"], row["why_none"]) == (verdict, why)
-    assert row[["ratio", "ratio_low", "ratio_high"]].tolist() == pytest.approx(
-        [ratio] * 3, nan_ok=True
+    assert (row["steps_verdict"], row["steps_why"]) == (verdict, why)
+    headline = " ".join(maps.headline(data).split())
+    n_decided = 5 * (verdict in ("faster", "slower"))  # of one at each point
+    assert f"faster in {n_decided} of 5 contrasts" in headline
+    named = (
+        f"- shared table of offsets compared with table: {verdict} (places: places 4, places 16)"
     )
-    words = {"faster": "fewer", "slower": "more"}
-    assert row["wrong_pings_verdict"] == words.get(verdict, verdict)  # a tenth of the steps
-    headline = maps.headline(data)
-    assert "shared table of offsets compared with table" in headline
-    assert f"grid `places`, one learner is faster in {2 * (verdict in words)} of 2" in headline
-    assert "above 0.9, at every evaluation until" in " ".join(headline.split())
-    assert "to the end of all 100,000 steps" in headline
-    if verdict != "undecided":
-        learned = f"{bool(shared) * N} and {bool(table) * N} runs learn"
-        assert f"{verdict} at places 4 ({learned})" in headline
-        assert f"{N} pairs of runs; also different: input" in headline
-        assert f"; {why}." in headline or not why
+    assert (named in headline) == (n_decided > 0)
 
 
 def test_one_of_two_that_mostly_fail_learns_more_often(tmp_path: Path) -> None:
@@ -159,15 +157,15 @@ def test_one_of_two_that_mostly_fail_learns_more_often(tmp_path: Path) -> None:
     data = made(tmp_path, [{1000: 1}, NEVER, NEVER], [NEVER], change=change)
     assert data.tables["cells"]["n_solved"].tolist()[:2] == [0, 67]
     row = row_of(data)
-    assert (row["verdict"], row["why_none"]) == ("no verdict", maps.NOT_LEARNED)
-    assert row["faster"] == pytest.approx((67 + 133 / 2) / 200)
+    assert (row["steps_verdict"], row["steps_why"]) == ("no verdict", maps.NOT_LEARNED)
+    assert row["steps_wins"] == pytest.approx((67 + 133 / 2) / 200)
 
 
 @pytest.mark.parametrize(
     ("unseen", "shared", "verdict", "why"),
     [
-        ((0.8, 0.5), {1000: 1}, "fewer", ""),
-        ((0.5, 0.8), {1000: 1}, "more", ""),
+        ((0.8, 0.5), {1000: 1}, "better", ""),
+        ((0.5, 0.8), {1000: 1}, "worse", ""),
         ((0.35, 0.3502), {1000: 1}, "no verdict", maps.SMALL),
         ((0.8, 0.5), NEVER, "no verdict", maps.NOT_LEARNED),
         ((0.5, 0.5), {1000: 1}, "undecided", ""),
@@ -178,23 +176,31 @@ def test_failures_in_unseen_places(
 ) -> None:
     data = made(tmp_path, [shared], [{9000: 1}], unseen=unseen)
     row = row_of(data, "new")
-    assert (row["failures_verdict"], row["failures_why"]) == (verdict, why)
-    assert data.tables["contrasts"]["failures_verdict"].notna().sum() == 1
+    for unit in ("unseen", "new_way"):
+        assert (row[f"{unit}_verdict"], row[f"{unit}_why"]) == (verdict, why)
+        assert data.tables["contrasts"][f"{unit}_verdict"].notna().sum() == 1
 
 
 def test_a_net_that_knows_all_untrained_does_not_fail_less(tmp_path: Path) -> None:
     row = row_of(made(tmp_path, [{0: 1}], [{9000: 1}], unseen=(0.8, 0.5)), "new")
-    assert (row["failures_verdict"], row["failures_why"]) == ("no verdict", maps.UNTRAINED)
+    assert (row["unseen_verdict"], row["unseen_why"]) == ("no verdict", maps.UNTRAINED)
 
 
 def test_texts_name_what_else_differs_and_who_is_given_up(tmp_path: Path) -> None:
     change = '"offset"]', '"offset"]\nsettings = { time_limit = 9 }'
-    headline = maps.headline(made(tmp_path, [{1000: 1}], [{9000: 1}], change=change))
-    assert "time limit 9 against 60" in headline
-    assert "given up" not in headline
+    data = made(tmp_path, [{1000: 1}], [{9000: 1}], change=change)
+    assert "time limit 9 against 60" in row_of(data)["differs"]
+    assert "given up" not in maps.headline(data)
     data = made(tmp_path, [NEVER], [NEVER], change=("growth", "given_up_after = 0.6, growth"))
     for text in (maps.headline(data), maps.reading(data)):
         assert "by 60 % of the budget is given up" in " ".join(text.split())
+
+
+def test_pairs_are_runs_of_the_same_seed(tmp_path: Path) -> None:
+    """Twelve runs of a net meet the first twelve of tile coding, in whatever order."""
+    change = f'index"], seeds = {N}', 'index"], seeds = 12'
+    data = made(tmp_path, [{1000: 1}] * 12 + [NEVER], [{9000: 1}], change=change)
+    assert row_of(data)[["n", "steps_wins", "learned_x", "learned_y"]].tolist() == [12, 1, 12, 12]
 
 
 @pytest.mark.parametrize(("budget", "steps"), [(800, 800), (200, 200), (400, np.inf)])
@@ -227,24 +233,12 @@ def test_steps_down_by_hand() -> None:
     y, at = np.full(19, 100.0), np.arange(19)
     clear, close = (pair(np.where(at < n_lost, 200.0, 50.0), y) for n_lost in (0, 4))
     assert 0.05 / 3 / 2 < stats.binom.sf(14, 19, 0.5) <= 0.05 / 3
-    assert decided(close, clear)["verdict"].tolist() == ["faster", "faster"]
-    assert decided(close, close)["verdict"].tolist() == ["undecided", "undecided"]
+    assert decided(close, clear)["steps_verdict"].tolist() == ["faster", "faster"]
+    assert decided(close, close)["steps_verdict"].tolist() == ["undecided", "undecided"]
     # Clopper and Pearson: the upper tail at the lower end is the tail of two contrasts
     first = decided(close, clear).iloc[0]
-    assert stats.binom.sf(14, 19, first["faster_low"]) == pytest.approx(0.05 / 3 / 2)
-    assert first["faster_low"] < 0.5 < first["faster"]
-
-
-@pytest.mark.parametrize(
-    ("less", "more", "is_small"), [(0, 0, True), (0, 1, False), (3, 3.3, False)]
-)
-def test_medians_of_nothing_do_not_differ(less: float, more: float, *, is_small: bool) -> None:
-    """In half of its runs and one, the learner that takes more needs no wrong PING either."""
-    x, y = np.full(41, less), np.where(np.arange(41) < 21, more, 9.0)
-    winner, loser = pair(np.full(41, 50.0), np.full(41, 50.0)).values()
-    sides = winner.assign(wrong_pings=x), loser.assign(wrong_pings=y)
-    found = maps._flaw(*sides, "wrong_pings", maps.Margins())
-    assert (found == maps.SMALL) == is_small
+    assert stats.binom.sf(14, 19, first["steps_wins_low"]) == pytest.approx(0.05 / 3 / 2)
+    assert first["steps_wins_low"] < 0.5 < first["steps_wins"]
 
 
 def test_a_small_probability_has_no_verdict() -> None:
@@ -253,8 +247,8 @@ def test_a_small_probability_has_no_verdict() -> None:
         (79, "faster"),
     ):  # of 200, of which 41 % is too near
         table = decided(pair(np.where(np.arange(200) < n_lost, 200.0, 50.0), np.full(200, 100.0)))
-        assert table["verdict"].tolist() == [verdict]
-        assert (table["why_none"] == maps.SMALL).tolist() == [verdict == "no verdict"]
+        assert table["steps_verdict"].tolist() == [verdict]
+        assert (table["steps_why"] == maps.SMALL).tolist() == [verdict == "no verdict"]
 
 
 @pytest.mark.parametrize(
@@ -263,8 +257,8 @@ def test_a_small_probability_has_no_verdict() -> None:
 )
 def test_evaluations_that_are_too_far_apart(before: float, y: float, why: str) -> None:
     table = decided(pair(np.full(20, 50.0), np.full(20, y), before))
-    assert table["why_none"].tolist() == [why]
-    assert table["verdict"].tolist() == ["no verdict" if why else "faster"]
+    assert table["steps_why"].tolist() == [why]
+    assert table["steps_verdict"].tolist() == ["no verdict" if why else "faster"]
 
 
 @pytest.mark.parametrize("spread", [0.0, 0.5])
@@ -280,7 +274,7 @@ def test_a_map_has_no_wrong_verdict_in_95_of_100(spread: float) -> None:
         for i in range(6):
             x, y = (np.exp(5 + places + rng.normal(size=16)).round() for _ in "xy")
             pairs.append(pair(x * (1e-4 if i % 2 else 1.0), y))
-        found = decided(*pairs)["verdict"].tolist()
+        found = decided(*pairs)["steps_verdict"].tolist()
         assert {*found[1::2]} == {"faster"}
         n_wrong += {*found[::2]} != {"undecided"}
     assert n_wrong <= stats.binom.ppf(0.998, n_maps, 0.05)
@@ -288,7 +282,7 @@ def test_a_map_has_no_wrong_verdict_in_95_of_100(spread: float) -> None:
 
 def test_a_contrast_in_two_grids_is_decided_once(tmp_path: Path) -> None:
     data = made(tmp_path, [{1000: 1}], [{1600: 1}])
-    runs = [*data.tables["contrasts"]["faster_low"].unique()]
+    runs = [*data.tables["contrasts"]["steps_wins_low"].unique()]
     assert len(data.tables["contrasts"]) == 5
     # `places 4` and the room of 5 x 6 cells with 4 places are the same: four are different
     assert runs == [pytest.approx((0.05 / 3 / 4) ** (1 / N))]
@@ -301,38 +295,58 @@ def axes_of(figure: str, data: Data) -> list[Any]:
     return [*drawn.axes]
 
 
+def test_rungs_by_hand(tmp_path: Path) -> None:
+    """A row for each net of a rung and point; the last one is chance."""
+    table = made(tmp_path, [{7000: 1}], [NEVER], unseen=(0.75, 0.5)).tables["rungs"]
+    assert table["net"].tolist() == ["DQN", "PPO"] * 3 + ["none"] * 3 + [""]
+    assert table["point"].tolist()[:6:2] == ["places 4", "places 16", "places 8"]
+    row = table.iloc[4]
+    expected = {"rung": "cells", "tiles_n_solved": 0, "net_n_solved": N, "net_wins": 1.0}
+    expected |= {"tiles_steps": np.inf, "net_steps": 7000, "steps_verdict": "faster"}
+    expected |= {"tiles_unseen_success": 0.5, "net_new_way_success": 0.75, "net_trials": 1}
+    assert {name: row[name] for name in expected} == expected
+    chance = table.iloc[-1]
+    assert 0 < chance["net_unseen_success"] == chance["tiles_new_way_success"] < 0.2
+
+
 def test_figures_by_hand(tmp_path: Path) -> None:
-    data = made(tmp_path, [{7000: 1}], [NEVER])
-    left, right = axes_of("answer", data)
-    names = ["All", "shared table of offsets", "table"]
-    assert [label.get_text() for label in left.get_yticklabels()] == names
-    assert [text.get_text() for text in left.texts] == ["7,000", f"0 of {N} learn"]
-    assert [text.get_text() for text in right.texts] == ["0.50", "0.50"]
-    dots = [line for line in left.lines if len(line.get_xdata()) == 1]
-    assert [float(*line.get_xdata()) for line in dots] == [7000, BUDGET]
-    assert [line.get_markerfacecolor() == "white" for line in dots] == [False, True]
-    (axis,) = axes_of("map", data)
-    assert [label.get_text() for label in axis.get_xticklabels()] == ["4", "16"]
-    lines = [line.get_ydata().tolist() for line in axis.lines if len(line.get_ydata()) == 2]
+    data = made(tmp_path, [{7000: 1}], [NEVER], unseen=(0.75, 0.5))
+    axes = axes_of("ladder", data)
+    assert [axis.get_title(loc="left") for axis in axes[:3]] == [
+        "4 places",
+        "16 places",
+        "8 places",
+    ]
+    for axis, expected in ((axes[2], [BUDGET, 7000, 7000]), (axes[5], [0.5, 0.75, 0.75])):
+        dots = [
+            line for line in axis.lines if line.get_marker() != "None" and line.get_xdata().size
+        ]
+        assert [float(*line.get_ydata()) for line in dots if line.get_mfc() != "white"] == expected
+        hollow = [float(*line.get_xdata()) for line in dots if line.get_mfc() == "white"]
+        assert hollow == ([-0.13] if axis is axes[2] else [])
+    titles = [label.get_text() for label in axes[3].get_xticklabels()]
+    assert titles == ["cells", "offsets"]
+    top, _ = axes_of("along", data)
+    assert [label.get_text() for label in top.get_xticklabels()] == ["4", "16"]
+    lines = [line.get_ydata().tolist() for line in top.lines if len(line.get_ydata()) == 2]
     assert lines == [[7000, 7000], [BUDGET, BUDGET], [BUDGET, BUDGET]]  # the last is hollow
-    (axis,) = axes_of("unseen", data)
-    assert axis.lines[0].get_ydata().tolist() == [0.5]
 
 
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
         ("solved = ", "# ", "[solved] is missing"),
-        (f"seeds = {N}", "seeds = 13", f"{SHARED} and {TABLE}: accepted: two learners in one"),
+        (f"seeds = {N}", f"seeds = {N}, first_seed = 7", "accepted: two learners in one grid"),
         ('["Anywhere"]', '["Anywhere", "AnywhereHidden"]', "scenarios: 2: accepted: exactly one"),
         (
             '"offset"]',
             '"offset"]\nsettings = { budget = 900, record_every = 900 }',
-            "seeds and budget",
+            "first seed and budget",
         ),
         ('grid = "places"', 'grid = "rooms"', "unknown grid with one axis rooms"),
-        ("places 8", "places 9", "unknown point with unseen places new, places 9"),
+        ('grids = ["places"', 'grids = ["rooms"', "unknown grid with one axis rooms"),
         (f'"{TABLE}"] }}', '"net, index"] }', "unknown learner net, index"),
+        (f'tiles = "{SHARED}"', 'tiles = "net, index"', "unknown learner net, index"),
         (f'["{SHARED}", "{TABLE}"]]', f'["{SHARED}", "net, index"]]', "unknown learner net, index"),
         (f'["{SHARED}", "{TABLE}"]]', f'["{TABLE}", "{TABLE}"]]', "is named twice"),
     ],
