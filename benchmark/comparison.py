@@ -165,8 +165,7 @@ def contrasts(data: Data) -> pd.DataFrame | None:
             found = {"x": x.mean, "y": y.mean, **test._asdict()}
             found |= {"verdict": decided, "margin": margin}
             found["except"] = ", ".join(scenarios[i] for i in apart)
-            ahead = bootstrap((matrices[row["x"]], matrices[row["y"]]), improvement)
-            found |= with_ends("p_improvement", Estimate(*(float(each[0]) for each in ahead)))
+            found["p_improvement"] = improvement(matrices[row["x"]], matrices[row["y"]])
             row |= {f"{endpoint}_{key}": value for key, value in found.items()}
     return pd.DataFrame(rows)
 
@@ -244,7 +243,7 @@ def _matrices(data: Data, endpoint: str) -> dict[str, Floats]:
 def aggregates(x: Floats) -> Floats:
     """Returns interquartile mean, median, mean and optimality gap of scores, (runs, scenarios).
 
-    They are those of `rliable.metrics`, several times as fast; so is `improvement`.
+    They are those of `rliable.metrics`, several times as fast.
     """
     ordered, cut = np.sort(x, axis=None), x.size // 4
     iqm, median = ordered[cut : x.size - cut].mean(), np.median(x.mean(axis=0))
@@ -252,7 +251,10 @@ def aggregates(x: Floats) -> Floats:
 
 
 def improvement(x: Floats, y: Floats) -> float:
-    """Returns the probability that a run of x has more than one of y; a tie counts half."""
+    """Returns rliable's probability of improvement: a run of x has more than one of y.
+
+    Results are (runs, scenarios). A tie counts half.
+    """
     return float(np.mean(x[:, None] > y) + np.mean(x[:, None] == y) / 2)
 
 
@@ -454,5 +456,5 @@ COLUMNS: Final = {
     "median": "median over scenarios of the mean over runs",
     "mean": "mean over runs and scenarios",
     "optimality_gap": "mean distance from 1",
-    "*_p_improvement": "probability that * of a run of x exceeds that of y; a tie counts half",
+    "*_p_improvement": "share of pairs of runs in which x has more * than y; a tie counts half",
 }
