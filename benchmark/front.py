@@ -74,7 +74,7 @@ def readme(results: Path) -> str:
     there = _published(results)
     sections = [_START, _drawn(results, "reproduce", "The paper, replicated", "Claim by claim")]
     try:
-        if "compare_deep" in there:
+        if {"compare_deep", "tuning"} <= {*there}:
             tables = [Folder(results / name).tables() for name in ("compare_deep", "tuning")]
             sections.append(_compared(*tables))
         if others := [name for name in ("when", "suite") if name in there]:
