@@ -86,50 +86,6 @@ class Results(NamedTuple):
     episodes_ended: Ints  # (N,)
 
 
-class Turn(NamedTuple):
-    """Where an agent is between two steps."""
-
-    unit: int  # budget units so far
-    state: U
-    o: U
-    a: U  # the next action if the rule is on-policy; else meaningless
-    begins: bool  # whether an episode begins
-    episode_steps: int
-    steps: int
-    episodes: int
-    disagreements: int
-    n_traces: int
-    stream: Stream
-
-
-class Table(NamedTuple):
-    """What an agent learns, and what follows from it; all change in place."""
-
-    q: Floats  # (O, A)
-    highest: Floats  # (O,) the largest action value of each observation
-    greedy: Ints  # (O,) masks of greedy actions
-    tree: Floats  # (2,) if the largest value of the table is not recorded; else see `_new_tree`
-    halves: Floats  # (O, 2, A) the two tables whose mean is q; (0, 2, A) if there is one
-    # (O * A,) pairs o * A + a with traces, the latest last; (0,) for a rule without traces
-    traced: Ints
-    weights: Floats  # (O * A,) of these traces
-    kept: Records  # (time limit,) of type STEP, the steps of the episode; (0,) without passes
-
-
-class Move(NamedTuple):
-    """An update of the value of an action."""
-
-    o: U
-    a: U
-    half: U  # which of two tables is updated
-    rate: float
-    target: float
-    begins: bool
-    n_traces: int
-    decay: float
-    takes_lowest: bool
-
-
 Kernel = Callable[[Process, Constants, Plan, Words, Results], None]
 
 
@@ -214,18 +170,39 @@ def _renew(
 
 @njit
 def _pass_back(
-    table: Table, constants: Constants, n_steps: int, rate: float, o_last: U, terminates: bool
+    q: Floats,
+    highest: Floats,
+    greedy: Ints,
+    tree: Floats,
+    steps: Records,
+    constants: Constants,
+    rate: float,
+    o_last: U,
+    terminates: bool,
 ) -> None:
     """Updates an episode's values backwards, by Q-learning; the last step led to `o_last`."""
-    q, highest, greedy, tree, _, _, _, kept = table
     for _ in range(constants.backward_passes):
         value = 0.0 if terminates else highest[o_last]
-        for step in kept[:n_steps][::-1]:
+        for step in steps[::-1]:
             q[step.o, step.a] += rate * (
                 step.reward + constants.discount * value - q[step.o, step.a]
             )
             _renew(q, highest, greedy, tree, step.o, constants.takes_lowest)
             value = highest[step.o]
+
+
+@inlined
+def _draw_if(is_needed: bool, stream: Stream) -> tuple[U, Stream]:
+    return draw_word(stream) if is_needed else (U(0), stream)
+
+
+@inlined
+def _best_of_half(has_two_tables: bool, rows: Floats, row: U, takes_lowest: bool, word: U) -> U:
+    """Returns a best action by one of two tables; a word's lower half chooses."""
+    if not has_two_tables:
+        return U(0)
+    _, mask = find_best(rows, row, takes_lowest)
+    return U(choose_action(word, U(0), mask))
 
 
 def _compile_learn(update: UpdateRule) -> Callable[..., int]:
@@ -240,13 +217,18 @@ def _compile_learn(update: UpdateRule) -> Callable[..., int]:
         halves: Floats,
         traced: Ints,
         weights: Floats,
-        move: Move,
+        n_traces: int,
+        decay: float,
+        takes_lowest: bool,
+        o: U,
+        a: U,
+        half: U,
+        rate: float,
+        target: float,
     ) -> int:
         """Moves an action's value, and earlier ones by traces; returns the number of traces."""
-        o, a, half, rate, target, begins, n_traces, decay, takes_lowest = move
         if has_traces:
-            kept = 0 if begins or not (greedy[o] >> a) & U(1) else n_traces
-            n_traces = int(_trace(traced, weights, kept, decay, o * U(N_ACTIONS) + a))
+            n_traces = int(_trace(traced, weights, n_traces, decay, o * U(N_ACTIONS) + a))
             error = target - q[o, a]
             for j in range(n_traces):
                 o_traced, a_traced = divmod(U(traced[j]), U(N_ACTIONS))
@@ -264,78 +246,72 @@ def _compile_learn(update: UpdateRule) -> Callable[..., int]:
     return learn  # type: ignore[no-any-return]
 
 
-@inlined
-def _draw_if(is_needed: bool, stream: Stream) -> tuple[U, Stream]:
-    return draw_word(stream) if is_needed else (U(0), stream)
-
-
-@inlined
-def _best_of_half(has_two_tables: bool, rows: Floats, row: U, takes_lowest: bool, word: U) -> U:
-    """Returns a best action by one of two tables; a word's lower half chooses."""
-    if not has_two_tables:
-        return U(0)
-    _, mask = find_best(rows, row, takes_lowest)
-    return U(choose_action(word, U(0), mask))
-
-
-def _compile_advance(update: UpdateRule) -> Callable[..., Turn]:
-    """Compiles the loop over steps of an update rule.
+def _compile_agent(update: UpdateRule) -> Callable[..., None]:
+    """Compiles the loop of one agent.
 
     Variables around a function are constants when it is compiled, so what the rule does not need is
     left out of the compiled code instead of being skipped in each step.
     """
     bootstrap, learn = njit(update.bootstrap), _compile_learn(update)
     is_on_policy, has_two_tables = update.is_on_policy, update.has_two_tables
+    has_traces = update.has_traces
 
     @njit
-    def advance(
-        process: Process,
-        constants: Constants,
-        plan: Plan,
-        table: Table,
-        turn: Turn,
-        until: int,
-        max_q: Floats,
-        table_max_q: Floats,
-    ) -> Turn:
+    def train_agent(
+        process: Process, constants: Constants, plan: Plan, stream: Stream, results: Results, n: int
+    ) -> None:
         # Arrays are taken out of their tuples before the loop: inside, numba would count references
         # to them.
-        first, outcomes, n_outcomes, _, observation, starts, is_noisy = process
-        first_rate, halved_after, discount, epsilon, _, trace_decay, takes_lowest, time_limit, _ = (
-            constants
-        )
-        q, highest, greedy, tree, halves, traced, weights, kept = table
+        first, outcomes, n_outcomes, n_observations, observation, starts, is_noisy = process
         (
-            start,
-            state,
-            o,
-            a,
-            begins,
-            episode_steps,
-            steps,
-            episodes,
-            disagreements,
-            n_traces,
-            stream,
-        ) = turn
-        by_episode, record_every = plan.by_episode, plan.record_every
+            first_rate,
+            halved_after,
+            discount,
+            epsilon,
+            initial,
+            trace_decay,
+            takes_lowest,
+            limit,
+            _,
+        ) = constants
+        budget, by_episode, record_every, points, map_index = plan
         explore_below, decay = U(round(epsilon * 2**32)), discount * trace_decay
-        a_next, rows = a, halves.reshape(-1, N_ACTIONS)
-        n_records = -(-start // record_every)
-        for unit in range(start, until):
+        has_tree = results.table_max_q.shape[1] > 0
+        q, max_q = results.q[n], results.max_q[n]
+        table_max_q = results.table_max_q[n] if has_tree else np.empty_like(max_q)
+        q[:] = initial
+        highest = np.full(n_observations, initial)  # action value of each observation
+        greedy = np.full(n_observations, 1 if takes_lowest else ALL_ACTIONS)  # masks
+        # no inner nodes if the largest value of the table is not recorded
+        tree = _new_tree(n_observations, initial) if has_tree else np.empty(2)
+        # the two tables whose mean is q
+        halves = np.full((n_observations if has_two_tables else 0, 2, N_ACTIONS), initial)
+        rows = halves.reshape(-1, N_ACTIONS)
+        # pairs o * A + a with traces, the latest last, and the weights of these traces
+        n_pairs = n_observations * N_ACTIONS if has_traces else 0
+        traced, weights, n_traces = np.empty(n_pairs, np.int64), np.empty(n_pairs), 0
+        kept = np.empty(limit if constants.backward_passes else 0, STEP)  # of the episode
+        state, stream = draw_start(starts, stream)
+        o, a, a_next, begins = U(observation[state]), U(0), U(0), True
+        steps = episode_steps = episodes = disagreements = n_points = n_records = 0
+        for unit in range(budget + 1):
+            if unit == points[n_points]:
+                record(results, n, n_points, map_index[n_points], q, greedy, disagreements)
+                n_points += 1
+            if unit == budget:
+                break
             is_recorded = unit == n_records * record_every
             highest_met = table_highest = -np.inf
-            while True:
+            goes_on = True
+            while goes_on:
                 if is_recorded:
-                    highest_met, table_highest = (
-                        max(highest_met, highest[o]),
-                        max(table_highest, tree[1]),
-                    )
+                    highest_met = max(highest_met, highest[o])
+                    table_highest = max(table_highest, tree[1])
 
                 # Act
-                if begins or not is_on_policy:
-                    word, stream = draw_word(stream)
-                    a = choose_action(word, explore_below, greedy[o])
+                is_chosen = begins or not is_on_policy
+                word, stream = _draw_if(is_chosen, stream)
+                a = choose_action(word, explore_below, greedy[o]) if is_chosen else a_next
                 reward, i, stream = draw_step(
                     first, outcomes, n_outcomes, is_noisy, state, a, stream
                 )
@@ -353,50 +329,40 @@ def _compile_advance(update: UpdateRule) -> Callable[..., Turn]:
                     )
                     word, stream = _draw_if(is_on_policy, stream)
                     a_next = choose_action(word, explore_below, greedy[o_next])
-                    best_value, mask = highest[o_next], greedy[o_next]
+                    most, mask = highest[o_next], greedy[o_next]
                     value = bootstrap(
-                        Successor(q, o_next, best_value, mask, epsilon, a_next, halves, half, best)
+                        Successor(q, o_next, most, mask, epsilon, a_next, halves, half, best)
                     )
                 rate, target = first_rate / (1.0 + steps / halved_after), reward + discount * value
-                move = Move(o, a, half, rate, target, begins, n_traces, decay, takes_lowest)
-                n_traces = learn(q, highest, greedy, tree, halves, traced, weights, move)
-
+                n_traces = learn(
+                    q, highest, greedy, tree, halves, traced, weights,
+                    0 if begins or not (greedy[o] >> a) & U(1) else n_traces,
+                    decay, takes_lowest, o, a, half, rate, target,
+                )  # fmt: skip
                 keep_step(kept, U(episode_steps), o, a, reward)
 
                 # Go on, or start the next episode
                 steps += 1
                 episode_steps += 1
-                begins = outcome.terminates or episode_steps == time_limit
+                begins = outcome.terminates or episode_steps == limit
                 if begins:
-                    _pass_back(table, constants, episode_steps, rate, o_next, outcome.terminates)
+                    episode, ends = kept[:episode_steps], outcome.terminates
+                    _pass_back(q, highest, greedy, tree, episode, constants, rate, o_next, ends)
                     state, stream = draw_start(starts, stream)
                     o = U(observation[state])
                     episodes += 1
                     episode_steps = 0
                 else:
                     state, o = state + U(outcome.state_change), o_next
-                a = a_next
-                if begins or not by_episode:
-                    break
+                goes_on = by_episode and not begins
             if is_recorded:
                 max_q[n_records] = highest_met
                 table_max_q[n_records] = table_highest
                 n_records += 1
-        return Turn(
-            until,
-            state,
-            o,
-            a,
-            begins,
-            episode_steps,
-            steps,
-            episodes,
-            disagreements,
-            n_traces,
-            stream,
-        )
+        results.steps_taken[n] = steps
+        results.episodes_ended[n] = episodes
 
-    return advance  # type: ignore[no-any-return]
+    return train_agent  # type: ignore[no-any-return]
 
 
 @lru_cache
@@ -405,48 +371,17 @@ def compile_kernel(update: UpdateRule) -> Kernel:
 
     Kernels of users' rules are not kept on disk: what is in them could have changed.
     """
-    advance, has_two_tables, has_traces = (
-        _compile_advance(update),
-        update.has_two_tables,
-        update.has_traces,
-    )
+    train_agent = _compile_agent(update)
 
     def train(
         process: Process, constants: Constants, plan: Plan, streams: Words, results: Results
     ) -> None:
         """Trains N agents from streams (N, 4); unsigned indices spare tests for negative ones."""
-        has_tree, value = results.table_max_q.shape[1] > 0, constants.initial_value
-        n_observations = process.n_observations
-        n_pairs = n_observations * N_ACTIONS if has_traces else 0
-        results.q[:] = value
         for n in range(len(streams)):
-            max_q = results.max_q[n]
-            table_max_q = results.table_max_q[n] if has_tree else np.empty_like(max_q)
-            table = Table(
-                results.q[n],
-                np.full(n_observations, value),
-                np.full(n_observations, 1 if constants.takes_lowest else ALL_ACTIONS),
-                _new_tree(n_observations, value) if has_tree else np.empty(2),
-                np.full((n_observations if has_two_tables else 0, 2, N_ACTIONS), value),
-                np.empty(n_pairs, np.int64),
-                np.empty(n_pairs),
-                np.empty(constants.time_limit if constants.backward_passes else 0, STEP),
-            )
-            state, stream = draw_start(
-                process.starts, (streams[n, 0], streams[n, 1], streams[n, 2], streams[n, 3])
-            )
-            turn = Turn(0, state, U(process.observation[state]), U(0), True, 0, 0, 0, 0, 0, stream)
-            for i in range(len(plan.points)):
-                until = min(plan.points[i], plan.budget)
-                turn = advance(process, constants, plan, table, turn, until, max_q, table_max_q)
-                if i < len(plan.map_index):
-                    record(
-                        results, n, i, plan.map_index[i], table.q, table.greedy, turn.disagreements
-                    )
-            results.steps_taken[n] = turn.steps
-            results.episodes_ended[n] = turn.episodes
+            stream = (streams[n, 0], streams[n, 1], streams[n, 2], streams[n, 3])
+            train_agent(process, constants, plan, stream, results, n)
 
     if update.bootstrap.__module__ != Successor.__module__:
         return numba.njit(nogil=True)(train)  # type: ignore[no-any-return]
-    flags = update.is_on_policy, has_two_tables, has_traces
+    flags = update.is_on_policy, update.has_traces
     return compiled(train, f"{update.bootstrap.__name__} {flags}")
