@@ -16,7 +16,7 @@ from benchmark.store import Store
 from benchmark.tables import publish, read
 from benchmark.trials import Choices, write_choices
 from benchmark.verify import unfounded
-from tests.support import ROOT, small_experiment, variant
+from tests.support import small_experiment, variant
 
 EXPERIMENT = small_experiment(
     report={"kind": "comparison"},
@@ -130,7 +130,10 @@ def test_forged_and_damaged_records_are_found(
 
 
 def test_chosen_settings_follow_from_published_trials(tmp_path: Path) -> None:
-    shutil.copy(ROOT / "benchmark" / "experiments" / "tuning.toml", tmp_path / "mine.toml")
+    searched = {"q": variant(search={"epsilon": {"low": 0, "high": 1}})}
+    search = {"trials": 4, "finalists": 2, "first_seed": 10}
+    text = small_experiment(search=search, algorithms=searched)
+    (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
     experiment = load_experiment(tmp_path / "mine.toml")
     write_manifest(tmp_path, {})
     choices = Choices(search="", trials="of others", learners={})
