@@ -4,6 +4,9 @@ VENV ?= .venv
 PY ?= $(VENV)/bin/python
 RESULTS ?= results
 EXPERIMENT ?=
+ALGO ?=
+SETTINGS ?=
+STOCHASTIC ?=
 SEEDS ?=
 SMOKE ?=
 TESTS ?=
@@ -23,7 +26,7 @@ RUN = $(PY) -m benchmark run --results $(RESULTS) --report $(if $(SMOKE),--smoke
 
 PYTEST = $(PY) -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
-.PHONY: help reproduce tune compare-deep when suite report test test-slow check speed clean
+.PHONY: help reproduce tune compare-deep when suite bench report test test-slow check speed clean
 
 help: ## list these commands
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-12s %s\n", $$1, $$2}'
@@ -42,6 +45,9 @@ when: $(DEEP) ## what one must know for tile coding to do: the ladder, in result
 
 suite: $(DEEP) ## the learners beside which your own is shown, in eight scenes, in results/suite/
 	$(RUN) $(or $(EXPERIMENT),suite)
+
+bench: $(DEEP) ## an algorithm of your own beside them: make bench ALGO=sb3_contrib:TRPO SETTINGS='learning_rate=1e-3 gamma=0.95' (a quarter of an hour)
+	$(PY) -m benchmark bench $(ALGO) --results $(RESULTS) $(if $(SMOKE),--smoke) $(if $(STOCHASTIC),--stochastic) $(if $(SETTINGS),--settings $(SETTINGS))
 
 report: $(BASE) ## the page and the texts of results, from the tables that are there
 	$(PY) -m benchmark report --results $(RESULTS)
@@ -63,7 +69,7 @@ speed: $(DEEP) ## speed against plain Python and Stable-Baselines3, in results/s
 
 clean: ## remove installed packages, caches and runs; published results stay
 	rm -rf $(VENV) build *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
-	rm -rf $(RESULTS)/runs.db* $(RESULTS)/index.html $(RESULTS)/*_smoke $(RESULTS)/*_seeds_* $(RESULTS)/.*.making
+	rm -rf $(RESULTS)/runs.db* $(RESULTS)/index.html $(RESULTS)/*_smoke $(RESULTS)/*_seeds_* $(RESULTS)/bench_* $(RESULTS)/.*.making
 	rm -f benchmark/experiments/*_smoke.chosen.json
 	find agents benchmark envs tests -name __pycache__ -type d -prune -exec rm -rf {} +
 

@@ -20,6 +20,11 @@ MINIATURES: dict[str, tuple[list[str], list[str], set[str]]] = {
     "report": ([], [], {"README.md", "index.html"}),
     "when": (*SMOKE, {"runs.db", "when_smoke/ladder.svg"}),
     "compare-deep": (*SMOKE, {"runs.db", "compare_deep_smoke/curves.svg"}),
+    "bench": (
+        ["ALGO=sb3_contrib:TRPO", "SETTINGS=gamma=0.95", "STOCHASTIC=1", "SMOKE=1"],
+        ["| TRPO"],
+        {"runs.db", "bench_TRPO", "bench_TRPO_smoke/suite.svg"},
+    ),
     "speed": (["SPEED=--smoke"], [], {"speed_smoke/README.md"}),
 }
 # Other tests use what these make; `suite` differs from `when` in its experiment alone.

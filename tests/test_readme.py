@@ -63,7 +63,7 @@ def run_in_miniature(words: list[str], directory: Path) -> bool:
     small = {name: f"{directory}/{name}" for name in ("film.webp", "dqn.zip", "table.npz")}
     small |= {"compare_deep": str(comparison), "100-199": "100-101", "0-29": "0-1"}
     arguments = [small.get(word, word) for word in words[3:]]
-    arguments += ["--smoke"] * ("reproduce" in arguments)
+    arguments += ["--smoke"] * bool({"bench", "reproduce"} & {*arguments})
     if arguments[0] == "watch":
         arguments += ["--experiment", str(comparison)]
     if arguments[0] not in ("list", "assess"):
