@@ -204,6 +204,7 @@ def test_callback_logs_what_assess_finds(tmp_path: Path) -> None:
     assert exact.model is found.model
     model.learn(1000, callback=ExactEvalCallback(100, stop_at=0.0))
     assert model.num_timesteps == 100  # at once
+    model.logger.close()
     with pytest.raises(InputError, match=r"gymnasium\.make"):
         PPO("MlpPolicy", env.unwrapped.__class__("S1", "one_hot"), n_steps=50, batch_size=50).learn(
             50, callback=ExactEvalCallback(50)
