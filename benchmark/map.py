@@ -26,7 +26,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import EngFormatter, LogLocator, NullLocator
+from matplotlib.ticker import EngFormatter, NullLocator
 from numpy.typing import NDArray
 from pydantic import Field
 
@@ -440,6 +440,7 @@ _CHANCE: Final[Look] = {"color": "0.5", "ls": "--", "lw": 1}
 _HOLLOW: Final = {
     "hollow: most runs never learn": Line2D([], [], marker="o", c="0.3", mfc="w", ls="")
 }
+_NEVER: Final = 1.6  # where runs that never learn are drawn, in budgets
 _ROWS: Final = {
     "steps": "steps until it has learned\n(lower is better)",
     "unseen_success": "success in new places\n(higher is better)",
@@ -473,7 +474,8 @@ def ladder(data: Data) -> Figure | None:
             column[1].set_xticklabels(titles, rotation=40, ha="right", rotation_mode="anchor")
         titles = "tile coding", next(filter(None, names), "net")
         marks = dict(zip(titles, (Line2D([], [], **look) for look in _SIDES), strict=True))
-        _finish(figure, axes, marks | {"chance": Line2D([], [], **_CHANCE)})
+        figure.supxlabel("what learners are told (more →)", fontsize="medium")
+        _finish(data, figure, axes, marks | {"chance": Line2D([], [], **_CHANCE)})
     return figure
 
 
@@ -491,21 +493,22 @@ def along(data: Data) -> Figure | None:
                 own = cells.loc[[(panel.grid, f"{name} {value}", learner) for value in numbers]]
                 at = np.arange(len(own)) + 0.4 * ((i + 0.5) / len(panel.learners) - 0.5)
                 title = data.experiment.learners[learner].declared.title
+                look = data.look(learner) | {"ls": "-"}
                 for axis, shown in zip(column, _ROWS, strict=True):
-                    lines[title] = _draw(data, axis, at, own, shown, data.look(learner))
+                    lines[title] = _draw(data, axis, at, own, shown, look)
             for axis in column:
                 axis.set_xticks(range(len(numbers)), numbers)
             column[0].set_title(panel.title, loc="left")
             column[1].set_xlabel(name)
             column[1].axhline(_chance(data), **_CHANCE)
-        _finish(figure, axes, lines | {"chance": Line2D([], [], **_CHANCE)})
+        _finish(data, figure, axes, lines | {"chance": Line2D([], [], **_CHANCE)})
     return figure
 
 
 def _draw(
     data: Data, axis: Axes, at: Numbers, cells: pd.DataFrame, name: str, look: Look
 ) -> Line2D:
-    """Draws a column of cells with its intervals; hollow, at the budget, if it is infinite."""
+    """Draws a column of cells with its intervals; hollow if it is infinite."""
     value, low, high = _shown(data, cells, name)
     axis.vlines(at, low, high, color=look["color"], lw=4, alpha=0.35)
     (line,) = axis.plot(at, value, **look)
@@ -519,23 +522,33 @@ def _shown(data: Data, cells: pd.DataFrame, name: str) -> Numbers:
     shown = cells[[name, f"{name}_low", f"{name}_high"]].to_numpy().T
     if name != "steps":
         return shown
-    return shown.clip(data.experiment.declared.evaluation_every, cells["budget"].to_numpy())
+    shown = shown.clip(data.experiment.declared.evaluation_every)
+    return np.where(np.isinf(shown), _NEVER * cells["budget"].to_numpy(), shown)
 
 
-def _finish(figure: Figure, axes: NDArray[Any], lines: Mapping[str, Line2D]) -> None:
+def _finish(data: Data, figure: Figure, axes: NDArray[Any], lines: Mapping[str, Line2D]) -> None:
     """Gives both rows their scales and labels, and the figure its legend."""
     for row, label in zip(axes, _ROWS.values(), strict=True):
         row[0].set_ylabel(label)
         for axis in row:
             axis.sharey(row[0])
             axis.tick_params(labelleft=axis is row[0])
-    axes[0, 0].set_yscale("log")
-    axes[0, 0].yaxis.set_major_locator(LogLocator(subs=(1, 3)))
-    axes[0, 0].yaxis.set_major_formatter(EngFormatter(sep=""))
-    axes[0, 0].yaxis.set_minor_locator(NullLocator())
-    axes[1, 0].set(ylim=(-0.03, 1.03), yticks=(0, 0.5, 1))
+    top, bottom = axes[:, 0]
+    budget, low = data.tables["cells"]["budget"].max(), min(each.dataLim.y0 for each in axes[0])
+    ticks = [n for n in (100, 300, 1000, 3000, 10_000, 30_000, 100_000) if 0.8 * low < n < budget]
+    top.set_yscale("log")
+    top.set_yticks([*ticks, _NEVER * budget], [*map(EngFormatter(sep=""), ticks), "never"])
+    top.yaxis.set_minor_locator(NullLocator())
+    top.set_ylim(0.8 * low, 1.3 * _NEVER * budget)
+    bottom.set(ylim=(-0.03, 1.03), yticks=(0, 0.5, 1))
     marks = {**lines} | _HOLLOW
-    figure.legend(marks.values(), marks, loc="outside upper center", ncols=4, frameon=False)
+    figure.legend(
+        marks.values(),
+        marks,
+        loc="outside upper center",
+        ncols=4 if len(marks) < 5 else 3,
+        frameon=False,
+    )
 
 
 FIGURES: Final[dict[str, FigureFunction]] = {"ladder": ladder, "along": along}

@@ -317,7 +317,7 @@ def test_figures_by_hand(tmp_path: Path) -> None:
         "16 places",
         "8 places",
     ]
-    for axis, expected in ((axes[2], [BUDGET, 7000, 7000]), (axes[5], [0.5, 0.75, 0.75])):
+    for axis, expected in ((axes[2], [1.6 * BUDGET, 7000, 7000]), (axes[5], [0.5, 0.75, 0.75])):
         dots = [
             line for line in axis.lines if line.get_marker() != "None" and line.get_xdata().size
         ]
@@ -329,7 +329,7 @@ def test_figures_by_hand(tmp_path: Path) -> None:
     top, _ = axes_of("along", data)
     assert [label.get_text() for label in top.get_xticklabels()] == ["4", "16"]
     lines = [line.get_ydata().tolist() for line in top.lines if len(line.get_ydata()) == 2]
-    assert lines == [[7000, 7000], [BUDGET, BUDGET], [BUDGET, BUDGET]]  # the last is hollow
+    assert lines == [[7000, 7000], *[[1.6 * BUDGET] * 2] * 2]  # the last is hollow
 
 
 @pytest.mark.parametrize(
