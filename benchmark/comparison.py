@@ -235,7 +235,7 @@ def rliable(data: Data) -> pd.DataFrame:
 def _matrices(data: Data, endpoint: str) -> dict[str, Floats]:
     """Returns the results of each learner, (runs, scenarios), by its name."""
     return {
-        learner: runs.pivot(index="seed", columns="scenario", values=endpoint).to_numpy()
+        str(learner): runs.pivot(index="seed", columns="scenario", values=endpoint).to_numpy()
         for learner, runs in data.runs.groupby("learner", sort=False)
     }
 
