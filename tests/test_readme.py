@@ -76,7 +76,7 @@ def run_in_miniature(words: list[str], directory: Path) -> bool:
 def test_every_command_works(tmp_path: Path) -> None:
     """In the order in which a reader meets them."""
     known: dict[str, Callable[[list[str]], bool]] = {
-        "make": lambda words: words[1] in TARGETS and words[2:] in ([], ["SEEDS=5"]),
+        "make": lambda words: words[1] in TARGETS and all("=" in word for word in words[2:]),
         ".venv/bin/python": lambda words: run_in_miniature(words, tmp_path),
     }
     pages = (page for name, page in PAGES.items() if name not in GUIDES)
