@@ -151,7 +151,7 @@ COMMANDS: Final = {
     ),
     "export": (
         "repeat a run, and write its trained agent to a file",
-        "experiment --results=results --learner! --seed! --scenario --condition file",
+        "experiment --results=results --learner! --seed=0 --scenario --condition file",
     ),
     "assess": (
         "score an agent exactly",
@@ -207,7 +207,11 @@ _OPTIONS: Final = {
     "--trust": ("", "load the model's file, which runs any code that is in it"),
     "--stochastic": ("", "let the policy sample its actions (default: greedy)"),
     "--save": ("FILE", "film of 'watch', .webp or .gif; map of 'assess', .png or .svg"),
-    "file": ("FILE", "a .zip for Stable-Baselines3 (only nets), or an .npz for NumPy"),
+    "file": (
+        "FILE",
+        "an .npz for NumPy; only nets: a .zip for Stable-Baselines3, or a .yml for rl_zoo3, which "
+        "has the settings and needs no run",
+    ),
 }
 
 

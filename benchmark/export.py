@@ -1,10 +1,12 @@
 """The command `export`: repeats a run and writes its trained agent, for NumPy or Stable-Baselines3.
 
-The run is stored, or must equal the stored one.
+The run is stored, or must equal the stored one. Settings of nets can be written without a run, as
+hyperparameters of RL Baselines3 Zoo.
 """
 
 import argparse
 import json
+import re
 import sys
 from dataclasses import replace
 from functools import partial
@@ -36,7 +38,11 @@ def main(options: argparse.Namespace) -> int:
     given = options.learner, options.seed, options.scenario, options.condition
     run, title = find_run(experiment, *given)
     is_net = isinstance(load_algorithm(run.algorithm), NetAlgorithm | Sb3Algorithm)
-    check_file(path, *([".zip"] if is_net else []), ".npz")
+    check_file(path, *([".zip", ".yml"] if is_net else []), ".npz")
+    if path.suffix.lower() == ".yml":
+        path.write_text(hyperparameters(run, title), encoding="utf-8")
+        print(f"{title}: {path} has its settings, for rl_zoo3.")
+        return 0
     print(f"training {title} ...", file=sys.stderr)
     made = path.with_name(f".making_{path.name}")
     try:
@@ -76,6 +82,20 @@ def find_run(
         known = experiment.scenarios.get(stem, scenario)
         run = replace(run, scenario=load_scenario(known, found.condition.scenario(stem)))
     return run, f"{run.scenario.name}: {found.learner.title}, seed {number}"
+
+
+def hyperparameters(run: RunSpecification, title: str) -> str:
+    """Returns a run's settings for `rl_zoo3.train --conf-file`, in YAML, for any environment."""
+    settings: Any = run.settings
+    given = {"n_timesteps": settings.budget, "policy": "MlpPolicy", "n_envs": settings.n_envs}
+    given |= settings.arguments
+    policy = given.get("policy_kwargs", {})
+    if "features_extractor_class" in policy:
+        raise InputError(f"{title}: accepted: a net without features_extractor_class.")
+    given["policy_kwargs"] = f"dict({', '.join(f'{key}={policy[key]}' for key in policy)})"
+    lines = [f"  {key}: {json.dumps(value)}" for key, value in given.items()]
+    lines = [re.sub(": ([0-9]+)e", r": \1.0e", line) for line in lines]  # as YAML has numbers
+    return "\n".join([f"# {title}", "default:", *lines, ""])
 
 
 def _export(run: RunSpecification, title: str, path: Path, store: Store) -> None:

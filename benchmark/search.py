@@ -19,13 +19,12 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from pydantic import Field
 
 from benchmark.experiment import Experiment, Learner, digest_of_search
 from benchmark.folder import Folder, digests
 from benchmark.specification import solved
-from benchmark.statistics import ALPHA, Estimate, Means, contrast, with_ends
+from benchmark.statistics import ALPHA, BOOTSTRAP_SEED, Floats, student, with_ends
 from benchmark.store import Store
 from benchmark.study import Data, Report, learning, solved_of
 from benchmark.style import WIDTH, figure_of, name_rows
@@ -35,7 +34,8 @@ from envs import InputError
 from envs.inputs import override
 from envs.words import listed
 
-_MEASURE: Final = "success, mean over the logarithm of steps"
+_MEASURE: Final = "success averaged over the logarithm of steps"
+_PERMUTATIONS: Final = 10_000
 _KINDS: Final = ["default", "drawn", "candidate"]  # of trials
 _DIGITS: Final = 2  # means that differ less are equal, and the earlier trial counts
 
@@ -75,7 +75,7 @@ class Outcome(NamedTuple):
     learner: Learner
     runs: pd.DataFrame  # what `measured` returns, of its first runs
     first: pd.DataFrame  # mean areas of these, (trials, scenarios)
-    fresh: pd.DataFrame  # mean areas of runs with fresh seeds, (trials that have some, scenarios)
+    fresh: pd.DataFrame  # areas of runs with fresh seeds, (trials that have some, scenarios, seeds)
     finalists: list[int]  # the best trials by the first runs
     picked: int  # the best trial by fresh runs; trial 0 before there are any
 
@@ -115,22 +115,21 @@ def outcomes(experiment: Experiment, curves: pd.DataFrame) -> Iterator[Outcome]:
     for name, learner in experiment.learners.items():
         own = runs[runs["learner"] == name]
         is_fresh = own["seed"].isin(search.fresh)
-        stages = own[~is_fresh], own[is_fresh]
-        keys, names = ["trial", "scenario"], [*own["scenario"].unique()]
-        first, fresh = (
-            each.groupby(keys)["area"].mean().unstack().reindex(columns=names) for each in stages
-        )
+        of_first, of_fresh = own[~is_fresh], own[is_fresh]
+        names = [*own["scenario"].unique()]
+        first = of_first.pivot_table("area", "trial", "scenario")[names]
+        fresh = of_fresh.pivot(index="trial", columns=["scenario", "seed"], values="area")
         finalists = ranked(first.mean(axis=1))[: search.finalists]
         picked = 0
         if len(fresh):
             again = [*{0, *finalists}]
-            n_runs = stages[1]["trial"].isin(again).sum()
+            n_runs = of_fresh["trial"].isin(again).sum()
             if n_runs != len(again) * len(names) * search.seeds:
                 run = f"python -m benchmark run {experiment.argument}"
                 lack = f"the tables lack fresh runs of finalists of {name}"
                 raise InputError(f"{experiment.name}: {lack}; '{run}' publishes all.")
             picked = ranked(fresh.mean(axis=1)[again])[0]
-        yield Outcome(learner, stages[0], first, fresh, finalists, picked)
+        yield Outcome(learner, of_first, first, fresh, finalists, picked)
 
 
 def stages(experiment: Experiment, store: Store) -> Iterator[list[Group]]:
@@ -188,7 +187,7 @@ def trials_table(data: Data) -> pd.DataFrame:
             "median_steps": outcome.runs.groupby("trial")["steps"].median(),
             "is_finalist": trial.isin(outcome.finalists),
             "fresh_area": outcome.fresh.mean(axis=1),
-            "n_fresh": trial.isin(outcome.fresh.index) * outcome.fresh.shape[1] * search.seeds,
+            "n_fresh": trial.isin(outcome.fresh.index) * outcome.fresh.shape[1],
             "is_chosen": trial == outcome.picked,
         }
         frames.append(pd.DataFrame(columns))
@@ -203,19 +202,37 @@ def chosen(data: Data) -> pd.DataFrame:
     rises = runs[runs["seed"].isin(search.fresh)].groupby(["learner", "trial"])["rise"].mean()
     for outcome in found(data):
         name, trial = outcome.learner.name, outcome.picked
-        means = (outcome.fresh.loc[each] for each in (trial, 0))
-        x, y = (Means([*own], [search.seeds] * len(own)) for own in means)
-        *gain, _, _, p, _ = contrast(x, y, margin) if trial else [0.0] * 5 + [1.0, 1.0]
+        default, best = (
+            outcome.fresh.loc[each].to_numpy().reshape(-1, search.seeds) for each in (0, trial)
+        )
+        p = p_of_gain(best, default) if trial else 1.0
         own = data.runs[data.runs["learner"] == name]
-        row = {"learner": name, "trial": trial}
-        row |= with_ends("default", y.estimate) | with_ends("chosen", x.estimate)
-        row |= with_ends("gain", Estimate(*gain)) | {"p": min(1.0, p * n_finalists)}
+        row: dict[str, Any] = {"learner": name, "trial": trial}
+        row |= with_ends("default", student(default.mean(axis=0)))
+        row |= with_ends("chosen", student(best.mean(axis=0)))
+        row |= {"gain": row["chosen"] - row["default"], "p": min(1.0, p * n_finalists)}
         row |= {"rise": rises[name, trial], "trials": len(outcome.first) - 1, "runs": len(own)}
         cost = round(own["cpu_time_s"].sum(), 3)
         rows.append(row | {"steps": own["budget"].sum(), "cpu_time_s": cost})
     table = pd.DataFrame(rows)
     is_gain = (table[["gain", "rise"]].min(axis=1) >= margin) & (table["p"] <= ALPHA)
     return table.assign(verdict=np.where(is_gain, "gain", "no gain shown"))
+
+
+def p_of_gain(chosen: Floats, default: Floats) -> float:
+    """Returns the one-sided p-value of no gain, by permutations of runs within scenarios.
+
+    Both are (scenarios, seeds). The test is exact for any distribution; seeds that share random
+    streams make it conservative.
+    """
+    rng, (n_scenarios, n_seeds) = np.random.default_rng(BOOTSTRAP_SEED), chosen.shape
+    sums = np.zeros(_PERMUTATIONS)
+    for i in range(n_scenarios):
+        both = np.concatenate([chosen[i], default[i]])
+        drawn = rng.permuted(np.tile(both, (_PERMUTATIONS, 1)), axis=1)
+        sums += drawn[:, :n_seeds].sum(axis=1)
+    n_as_large = (sums >= chosen.sum() - 1e-9).sum()  # but for rounding
+    return float((1 + n_as_large) / (1 + _PERMUTATIONS))
 
 
 def effort(data: Data) -> pd.DataFrame:
@@ -243,7 +260,7 @@ def _expected(runs: pd.DataFrame) -> dict[str, float]:
     return numbers | {"tried": len(others), "total": float(total), "drawn": drawn}
 
 
-def expected_drawn(steps: NDArray[np.float64], budget: int) -> float:
+def expected_drawn(steps: Floats, budget: int) -> float:
     """Returns the expected steps of runs that are drawn without replacement, until one has learned.
 
     If m of n learn, (n - m) / (m + 1) fail before, on average; such a run costs the budget. The
@@ -267,7 +284,7 @@ def groups_of(experiment: Experiment) -> dict[tuple[str, ...], list[Learner]]:
 
 
 def figure(data: Data) -> Figure:
-    """What trials reach, and expected steps of search and training until a run has learned."""
+    """What trials reach; right: expected steps of search and training until a run has learned."""
     groups = groups_of(data.experiment)
     sizes = [len(learners) for learners in groups.values()]
     with figure_of(len(groups), 1, (WIDTH, 0.23 * sum(sizes) + 0.5 * len(sizes) + 0.8)) as made:
@@ -292,8 +309,8 @@ def _draw_group(axis: Axes, learners: list[Learner], tables: Mapping[str, pd.Dat
         own = tried["kind"] == kind
         axis.plot(tried["area"][own], rows[own], mark, ms=7, color="0.55", label=f"{kind} trial")
     axis.plot(best["default"], y, "kx", ms=6, mew=1.8, label="defaults, fresh runs")
-    axis.hlines(y, best["chosen_low"], best["chosen_high"], color="0.75", lw=3)
-    axis.plot(best["chosen"], y, "o", color="0.2", ms=6, mec="white", label="chosen, fresh runs")
+    axis.hlines(y, best["chosen_low"], best["chosen_high"], color="0.85", lw=8, zorder=0)
+    axis.plot(best["chosen"], y, "o", color="0.2", ms=6, mec="white", label="chosen, 95 % interval")
     name_rows(axis, [learner.title for learner in learners])
     axis.set(xlim=(-0.02, 1.02))
     steps = tables["effort"].set_index("learner")["total"]
@@ -319,7 +336,7 @@ SHOWN: Final = {
     "effort": "learner default learned tried total drawn",
 }
 COLUMNS: Final = {
-    "area": f"{_MEASURE}, and over scenarios, of first runs",
+    "area": f"{_MEASURE} and over scenarios, of first runs",
     "chosen": "mean area of the chosen settings, with fresh seeds",
     "cpu_time_s": "CPU seconds of training, sum over the runs of the search",
     "default": "mean area of trial 0 with fresh seeds; in `effort.csv`, its steps until it learns",
@@ -354,18 +371,18 @@ def headline(data: Data) -> str:
         shown += f", by {gains.min():.2f} to {gains.max():.2f}"
     fewest = []
     for scenarios, learners in groups_of(data.experiment).items():
-        own = steps[[learner.name for learner in learners]]
-        took = f"{data.title(own.idxmin())} ({_steps(own.min())})"
-        which = took if own.min() < inf else "no learner, since none learns everywhere"
-        fewest.append(f"- {listed(scenarios)}: {which}")
+        nets = [learner.name for learner in learners if learner.family == "deep"]
+        all_of = steps[[learner.name for learner in learners]], steps[nets]
+        found = [f"{data.title(own.idxmin())} ({_steps(own.min())})" for own in all_of if len(own)]
+        fewest.append(f"- {listed(scenarios)}: {'; of nets, '.join(dict.fromkeys(found))}")
     lines = "\n".join(fewest)
     return f"""\
 Settings chosen among {table["trials"].iloc[0]} trials besides the declared ones are shown to raise
-{_MEASURE}, for {shown} ({search_of(data.experiment).seeds} fresh runs in each scenario). Learners
+{_MEASURE} for {shown} ({search_of(data.experiment).seeds} fresh runs in each scenario). Learners
 are not compared with each other in this.
 
-With the steps of the search included, these are expected to take the fewest until a run has
-learned, mean over scenarios:
+With the steps of the search included, these are expected to take the fewest steps until a run has
+learned (means over scenarios):
 
 {lines}"""
 
@@ -389,12 +406,13 @@ over the scenarios of the learner. Means are rounded to two digits, and of equal
 trial counts. {greedy}.
 
 Trial 0 has the declared settings, {search.trials} trials are points of a Sobol sequence, and
-{len(variant.candidates)} are candidates, which were known to work elsewhere. All have
-{variant.seeds} first runs in each scenario. The best {search.finalists} and trial 0 ran again with
+{len(variant.candidates)} are candidates, which were known to work elsewhere. First runs of each in
+each scenario: {variant.seeds}. The best {search.finalists} and trial 0 ran again with
 {search.seeds} fresh seeds. The best of these is chosen, so its mean and gain are biased upwards.
 For that, p-values are multiplied by the number of all finalists. A gain is shown if p is at most
 0.05, and the gain and the rise of success in training are at least {data.declared.margin:g}.
-Intervals treat runs as independent, although trials share random streams.
+P-values are those of permutations of runs within scenarios. Intervals are Student's, of means over
+scenarios by seed.
 
 Right of the figure and in `effort.csv`, trial 0 runs first. If it does not learn, first runs of the
 other trials are drawn, without replacement, until one has learned. A run that never learns costs

@@ -6,8 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
+import yaml
 from stable_baselines3 import DQN, PPO
 
 from agents.policy import mask_policy
@@ -21,12 +23,13 @@ from tests.support import ROOT, small_experiment, variant
 LEARNERS = {name: f"{name}, one_hot" for name in ("dqn", "ppo", "stock")}
 LEARNERS |= {"tiles": "tiles, coordinates", "table": "table"}
 SHORT: Any = {"settings": {"n_steps": 100}}
+RATES = {"learning_rate": 1e-5, "policy_kwargs": {"optimizer_kwargs": {"eps": 1e-5}}}
 EXPERIMENT = small_experiment(
     scenarios=["S1", "S3"],
     settings={"budget": 600, "time_limit": 50},
     algorithms={
         "tiles": variant("linear_q_lambda", "coordinates"),
-        "dqn": variant("compiled_dqn", "coordinates", "one_hot"),
+        "dqn": variant("compiled_dqn", "coordinates", "one_hot", settings=RATES),
         "ppo": variant("compiled_ppo", "one_hot", **SHORT),
         "table": variant("q_learning", "index"),
         "stock": variant("stable_baselines3:PPO", "one_hot", **SHORT),
@@ -82,6 +85,19 @@ def test_files_act_as_recorded(name: str, folder: Path) -> None:
     else:
         found = model.policy.get_distribution(tensor).distribution.probs.detach().numpy()
         assert found == pytest.approx(arrays["stochastic"][-1], abs=1e-6)
+
+
+def test_settings_are_hyperparameters_of_the_zoo(folder: Path) -> None:
+    """They are read as YAML, of which JSON's 1e-05 would be a text."""
+    assert export(folder, "dqn", "dqn.yml") == 0
+    given = yaml.safe_load((folder / "dqn.yml").read_text())["default"]
+    assert [given.pop(key) for key in ("n_timesteps", "policy", "n_envs")] == [600, "MlpPolicy", 1]
+    text = given.pop("policy_kwargs")
+    assert text == "dict(net_arch=[64, 64], optimizer_kwargs={'eps': 1e-05})"
+    env = gymnasium.make("envs:Proxemic/S3-v0", observation="one_hot")
+    agent = DQN("MlpPolicy", env, policy_kwargs=eval(text), **given)
+    assert (agent.learning_rate, agent.batch_size, agent.buffer_size) == (1e-5, 32, 600)
+    assert export(folder, "tiles", "tiles.yml") == 2
 
 
 def test_documented_reader(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
