@@ -371,7 +371,7 @@ def headline(data: Data) -> str:
         shown += f", by {gains.min():.2f} to {gains.max():.2f}"
     fewest = []
     for scenarios, learners in groups_of(data.experiment).items():
-        nets = [learner.name for learner in learners if learner.family == "deep"]
+        nets = [learner.name for learner in learners if learner.algorithm.family == "deep"]
         all_of = steps[[learner.name for learner in learners]], steps[nets]
         found = [f"{data.title(own.idxmin())} ({_steps(own.min())})" for own in all_of if len(own)]
         fewest.append(f"- {listed(scenarios)}: {'; of nets, '.join(dict.fromkeys(found))}")

@@ -311,7 +311,7 @@ def chosen(tmp_path: Path) -> Path:
     effort: Any = {"trials": 4, "runs": 10, "steps": 2000, "cpu_time_s": 0.1}
     learners = {}
     for form, rate in RATES.items():
-        settings = {"learning_rate": rate, "discount": 0.8}
+        settings: dict[str, object] = {"learning_rate": rate, "discount": 0.8}
         learners[f"q, {form}"] = Chosen(trial=1, settings=settings, score=0.5, **effort)
     digest = digest_of_search(search.declared)
     write_choices(search.path, Choices(search=digest, trials="", learners=learners))

@@ -9,7 +9,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-import yaml
+import yaml  # type: ignore[import-untyped]
 from stable_baselines3 import DQN, PPO
 
 from agents.policy import mask_policy
