@@ -607,25 +607,22 @@ contrasts: it needs fewer steps until it has learned. {giving_up(data.experiment
 
 def reading(data: Data) -> str:
     """Explains learning, contrasts and new places."""
-    margins, solved = data.declared.margins, solved_of(data.experiment)
+    margins = data.declared.margins
     return f"""\
-{learning(data.experiment)}
-Successive evaluations, except the first ones, are at most about {100 * (solved.growth - 1):.0f} %
-apart. *New places* are those where the person never stood in training, and in *new ways*, onlookers
-stand around a known place as they never did; success there is exact, of the last policy. Chance is
-the random policy. In figures, bars are 95 % intervals.
+{learning(data.experiment)} In *new places*, the person never stood in training; in *new ways*,
+onlookers stand around a known place as they never did. Success there is exact, and that after the
+whole budget. Chance is the random policy. In figures, bars are 95 % intervals.
 
 Contrasts pair runs of the same seed, which have the same draw of the scenario. A run that never
-learns takes more than every run that does; two such runs are tied, and a tie counts as a half.
-*Faster* and *better* mean that x takes fewer steps, or succeeds more often: the probability that it
-does in a pair of runs differs from 1/2 significantly, and by {margins.probability:g} or more; the
-other's median of steps is at least {margins.ratio:g} times as large, or its mean success lower by
-{margins.success:g} or more; and x has learned, by training, in more than half of its runs and, for
-steps, has not lost the level in half of these (at the end, or in half of the later evaluations or
-steps). *Slower* and *worse* mean the same of y. There is *no verdict* if a significant difference
-fails another condition, or depends on runs whose evaluations are too far apart, or that reach the
-level only in the last evaluation or untrained.
+learns takes more than every run that does, and a tie counts as a half. *Faster* (*better*) means
+that x takes fewer steps (fails less often): the probability of this, in a pair of runs, differs
+from 1/2 significantly, and by {margins.probability:g} or more; medians of steps differ by a factor
+of {margins.ratio:g} (mean success by {margins.success:g}) or more; and x has learned, by training,
+in more than half of its runs (and has not lost the level later in half of these). *Slower* and
+*worse* mean the same of y. There is *no verdict* if a significant difference fails another
+condition, or depends on runs whose evaluations are too far apart, or that reach the level only in
+the last evaluation or untrained.
 
 The probability of any wrong verdict is at most 5 % for each of steps, new places and new ways
-(Holm's method; if contrasts share runs, this is known from simulation). Intervals in
-`contrasts.csv`, those of its first step, hold for all contrasts at once."""
+(Holm's method; if contrasts share runs, this is known from simulation). Intervals of contrasts hold
+for all of them at once."""
