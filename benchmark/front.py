@@ -137,7 +137,7 @@ def _compared(tables: Tables, tuning: Tables) -> str:
         for baseline in (table, tiles):
             is_better = "better" in verdicts[net, baseline]
             assert not is_better, "no net beats a tuned table or tile coding"
-    assert tuning["cost"]["trials"].nunique() == 1, "all were searched equally long"
+    assert tuning["chosen"]["trials"].nunique() == 1, "all were searched equally long"
     success = summary.pivot(index="learner", columns="scenario", values="success")
     rows = [
         f"| {title} | {' | '.join(f'{share:.2f}' for share in success.loc[name])} |"
@@ -155,7 +155,7 @@ def _compared(tables: Tables, tuning: Tables) -> str:
 {lines}
 
 *Means over 100 runs (SB3: 50); shades: 95 % intervals. Tuned: the best of
-{tuning["cost"]["trials"].iloc[0] + 1} settings in other scenarios.*
+{tuning["chosen"]["trials"].iloc[0] + 1} settings in other scenarios.*
 
 Over all three, no net is shown to beat the tuned Q(λ) table or tile coding. Against the paper's
 table, the verdict on SB3's DQN is *{verdicts[nets[0], paper]}*, on its PPO
