@@ -48,6 +48,7 @@ from envs.inputs import check_all, parse, unknown_name
 from envs.packages import imported
 
 STUDIES: Final = ("comparison", "map", "replication", "search", "suite")
+_MAX_WORDS: Final = 900  # of README of a folder
 _MAX_ROWS: Final = 24  # of a table in README; longer ones are only linked
 _PACKED: Final = (tables.RUNS, tables.CURVES, tables.AGENTS)  # which `run` publishes
 # What columns mean: of runs and curves, and of any other table. A star stands for part of a name.
@@ -351,7 +352,7 @@ def meaning(column: str, known: Mapping[str, str]) -> str:
 
 
 def readme(study: Study, folder: Folder, data: Data, seeds: Sequence[int] | None = None) -> str:
-    """Returns README of a folder."""
+    """Returns README of a folder; tables that would make it too long are left out."""
     shown = [
         text
         for name, columns in study.dict_of("SHOWN").items()
@@ -367,7 +368,11 @@ def readme(study: Study, folder: Folder, data: Data, seeds: Sequence[int] | None
     ends = [f"## How to read this\n\n{reading}"] if reading else []
     ends += [_files(study, folder), _made(study, folder)]
     start = [f"# {study.question}", answer, *figures[:1], *others]
-    return "\n\n".join([*start, *figures[1:], *shown, *ends]) + "\n"
+    while True:
+        text = "\n\n".join([*start, *figures[1:], *shown, *ends]) + "\n"
+        if len(text.split()) <= _MAX_WORDS or not shown:
+            return text
+        shown.pop()
 
 
 def answer_of(study: Study, data: Data, seeds: Sequence[int] | None = None) -> str:

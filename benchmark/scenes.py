@@ -163,7 +163,9 @@ def shipped() -> Figure:
     for scenario in map(load_scenario, scenario_names()):
         place = scenario.layout.places[len(scenario.layout.places) // 2]
         # One place alone is compiled in no time.
-        changes = {"issuer.position": place if len(place) > 1 else place[0]}
+        changes: dict[str, object] = {"issuer.position": place if len(place) > 1 else place[0]}
+        if scenario.issuer.places:
+            changes["issuer.places"] = 1
         models.append(compile_scenario(load_scenario(scenario, changes)))
     n_rows = math.ceil(len(models) / _COLUMNS)
     with figure_of(n_rows, _COLUMNS, (WIDTH, n_rows * _ROW + _LEGEND)) as (figure, axes):
