@@ -4,8 +4,10 @@ Of an experiment that extends the shipped one, as `bench` writes it, the publish
 shown, too, from their published runs.
 """
 
+import re
 from functools import cache
 from importlib.util import find_spec
+from textwrap import fill
 from typing import Any, Final
 
 import numpy as np
@@ -29,6 +31,8 @@ from envs.words import listed
 SUITE: Final = "suite"  # the experiment whose runs are published
 RELATIVE_TO: Final = "tile_coding, coordinates"
 _NEVER: Final = "#ffffff"  # the colour of a cell in which most runs never learn
+_FASTEST_AND_SLOWEST: Final = (100, 30_000)  # ends of the scale of colours, in steps
+_CHARACTERS: Final = 24  # of a line of a learner's title
 
 
 def check(experiment: Experiment, _: Report) -> None:
@@ -122,32 +126,42 @@ def learners(data: Data) -> pd.DataFrame:
 
 def draw(data: Data) -> Figure:
     """Median steps until learned; darker: fewer. White: how many runs learn, if most never do."""
-    cells, over_all = data.tables["summary"], data.tables["learners"]
-    scenes = [*dict.fromkeys(cells["scenario"])]
-    finite = cells["steps"][np.isfinite(cells["steps"])].clip(lower=1)
-    scale = LogNorm(finite.min(), finite.max()) if len(finite) else LogNorm(1, 10)
-    colours, drawn = colour_map("cividis"), list[list[tuple[str, str]]]()
-    for name, own in cells.groupby("learner", sort=False):
-        by_scene = own.set_index("scenario").to_dict("index")
-        row = over_all.set_index("learner").loc[name]
-        drawn.append([_cell(by_scene.get(scene), colours, scale) for scene in scenes])
-        drawn[-1] += [
-            (f"{row['scenes_learned']} of {row['scenes']}", _NEVER),
-            (_ratio(row), _NEVER),
-        ]
-    columns = [*scenes, "scenes\nlearned", "steps /\ntile coding's"]
-    with figure_of(1, 1, (WIDTH, 0.34 * len(drawn) + 0.7)) as (figure, axes):
-        draw_cells(axes[0, 0], drawn, [*over_all["title"]], columns)
+    over_all, scenes = data.tables["learners"], [*dict.fromkeys(data.tables["summary"]["scenario"])]
+    scale, drawn = LogNorm(*_FASTEST_AND_SLOWEST, clip=True), list[list[tuple[str, str]]]()
+    for row in over_all.to_dict("records"):
+        cells = _texts(data, row["learner"])
+        colours = [_NEVER if steps == np.inf else _colour(scale(steps)) for _, steps in cells]
+        drawn.append([(text, colour) for (text, _), colour in zip(cells, colours, strict=True)])
+        drawn[-1] += [(text, _NEVER) for text in (_share(row), _ratio(row))]
+    titles = [fill(title, _CHARACTERS, break_on_hyphens=False) for title in over_all["title"]]
+    columns = [re.sub("(?<=[a-z])(?=[A-Z])", "\n", scene) for scene in scenes]
+    columns += ["scenes\nlearned", "steps /\ntiles'"]
+    with figure_of(1, 1, (WIDTH, 0.4 * len(drawn) + 0.6)) as (figure, axes):
+        draw_cells(axes[0, 0], drawn, titles, columns)
     return figure
 
 
-def _cell(found: Any, colours: Any, scale: LogNorm) -> tuple[str, str]:
-    """Returns the text and the colour of a cell."""
-    if found is None:
-        return "", _NEVER
-    if np.isfinite(found["steps"]):
-        return f"{found['steps']:,.0f}", to_hex(colours(scale(max(found["steps"], 1))))
-    return (f"{found['n_learned']} of {found['n']}" if found["n_learned"] else "never"), _NEVER
+def _colour(share: float) -> str:
+    """Returns the colour of a share of the scale: darkest at 0, but dark text can be read on it."""
+    return to_hex(colour_map("Blues")(0.6 - 0.5 * share))
+
+
+def _texts(data: Data, learner: str) -> list[tuple[str, float]]:
+    """Returns what cells of a learner say, and its median steps, by scene."""
+    cells = data.tables["summary"]
+    own = cells[cells["learner"] == learner].set_index("scenario").to_dict("index")
+    found = list[tuple[str, float]]()
+    for scene in dict.fromkeys(cells["scenario"]):
+        row = own.get(scene, {"steps": np.inf, "n_learned": 0, "n": 0})
+        text = f"{row['steps']:,.0f}"
+        if row["steps"] == np.inf:
+            text = f"{row['n_learned']} of {row['n']}"
+        found.append((text, row["steps"]))
+    return found
+
+
+def _share(row: Any) -> str:
+    return f"{row['scenes_learned']} of {row['scenes']}"
 
 
 def _ratio(row: Any) -> str:
@@ -174,22 +188,12 @@ most of their runs do ({n} runs in each scene): {", ".join(found)}.
 
 def rows_to_paste(data: Data) -> str:
     """Returns a Markdown table with a row for each of the experiment's own learners."""
-    cells, over_all = data.tables["summary"], data.tables["learners"]
-    scenes = [*dict.fromkeys(cells["scenario"])]
-    head = [
-        "learner",
-        "scenes learned",
-        "steps / tile coding's (scenes)",
-        "IQM of success",
-        *scenes,
-    ]
-    lines = [head, ["---"] * len(head)]
-    for row in over_all[over_all["learner"].isin(data.experiment.learners)].to_dict("records"):
-        own = cells[cells["learner"] == row["learner"]].set_index("scenario").to_dict("index")
-        learned = f"{row['scenes_learned']} of {row['scenes']}"
-        start = [f"{row['title']}, {row['n']} runs", learned, _ratio(row), f"{row['iqm']:.2f}"]
-        colours, scale = colour_map("cividis"), LogNorm(1, 10)
-        lines.append([*start, *(_cell(own.get(scene), colours, scale)[0] for scene in scenes)])
+    table, scenes = data.tables["learners"], dict.fromkeys(data.tables["summary"]["scenario"])
+    head = ["learner", "runs", "scenes learned", "steps / tiles' (scenes)", "IQM of success"]
+    lines = [[*head, *scenes], ["---"] * (len(head) + len(scenes))]
+    for row in table[table["learner"].isin(data.experiment.learners)].to_dict("records"):
+        start = [row["title"], str(row["n"]), _share(row), _ratio(row), f"{row['iqm']:.2f}"]
+        lines.append([*start, *(text for text, _ in _texts(data, row["learner"]))])
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 

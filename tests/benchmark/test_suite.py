@@ -96,8 +96,8 @@ def test_learners_are_related_to_tile_coding_where_both_learn(data: Data) -> Non
 def test_figure_and_row_say_the_same(data: Data) -> None:
     head, _, row = suite.rows_to_paste(data).splitlines()
     assert head.split(" | ")[-3:] == ["S1", "S2", "S3 |"]
-    texts = ["3 of 3", "2.8 (2)", "1.00", "400", "100", "200 |"]
-    assert row.split(" | ") == ["| table, 3 runs", *texts]
+    texts = ["3", "3 of 3", "2.8 (2)", "1.00", "400", "100", "200 |"]
+    assert row.split(" | ") == ["| table", *texts]
     drawn = {each.get_text() for each in suite.draw(data).findobj(Text)}
     assert {"400", "1 of 3", "2.8 (2)", "2 of 3", "S1"} <= drawn
     assert suite.rows_to_paste(data) in suite.headline(data)
