@@ -81,6 +81,8 @@ def readme(results: Path) -> str:
             sections.append(
                 _drawn(results, others[0], "When deep RL earns its keep", "All learners")
             )
+        elif "tuning" in there:
+            sections.append(_searched(results))
     except AssertionError as error:
         raise InputError(f"README: the published tables do not show that {error}.") from error
     own = [_BENCH, _ASSESS] if "suite" in there else [_ASSESS]
@@ -121,6 +123,22 @@ def _drawn(results: Path, name: str, title: str, more: str) -> str:
 
 {found}
 [{more}](results/{name}/README.md)
+"""
+
+
+def _searched(results: Path) -> str:
+    """Returns what search and training take together, as the search's README says it."""
+    text = (results / "tuning" / README).read_text(encoding="utf-8")
+    start = text.index("With the steps of the search")
+    return f"""\
+## When deep RL earns its keep
+
+Harder scenes, so far only those in which settings were searched: the person stands in one of many
+cells, drawn every episode, or among onlookers. This is one search, without a test.
+
+{text[start : text.index("## ", start)].strip()}
+
+[All trials](results/tuning/README.md)
 """
 
 
