@@ -372,9 +372,14 @@ def headline(data: Data) -> str:
     fewest = []
     for scenarios, learners in groups_of(data.experiment).items():
         nets = [learner.name for learner in learners if learner.algorithm.family == "deep"]
-        all_of = steps[[learner.name for learner in learners]], steps[nets]
-        found = [f"{data.title(own.idxmin())} ({_steps(own.min())})" for own in all_of if len(own)]
-        fewest.append(f"- {listed(scenarios)}: {'; of nets, '.join(dict.fromkeys(found))}")
+        sets = steps[[learner.name for learner in learners]], steps[nets]
+        best = [
+            f"{data.title(own.idxmin())} ({_steps(own.min())})"
+            for own in sets
+            if min(own, default=inf) < inf
+        ]
+        which = "; of nets, ".join(dict.fromkeys(best)) or "none, since none learns everywhere"
+        fewest.append(f"- {listed(scenarios)}: {which}")
     lines = "\n".join(fewest)
     return f"""\
 Settings chosen among {table["trials"].iloc[0]} trials besides the declared ones are shown to raise

@@ -267,7 +267,7 @@ def test_a_learner_that_is_good_untrained_has_not_gained(tmp_path: Path) -> None
 
 def test_of_runs_that_are_given_up_nothing_is_claimed(tmp_path: Path) -> None:
     never = [[0.0] * 2] * 4
-    assert "- FarCorner and SixPlaces: q_learning (never)" in headline(tmp_path, never, never)
+    assert "SixPlaces: none, since none learns everywhere" in headline(tmp_path, never, never)
     text = search.reading(data_of(experiment_of(tmp_path), never, never)).replace("\n", " ")
     assert "not reached 0.25 by 50 % of the budget is given up" in text
     assert "even if it would learn late" in text
