@@ -472,8 +472,8 @@ def ladder(data: Data) -> Figure | None:
             column[1].axhline(_chance(data), **_CHANCE)
             titles = [rung.title for rung in rungs]
             column[1].set_xticklabels(titles, rotation=40, ha="right", rotation_mode="anchor")
-        titles = "tile coding", next(filter(None, names), "net")
-        marks = dict(zip(titles, (Line2D([], [], **look) for look in _SIDES), strict=True))
+        sides = "tile coding", next(filter(None, names), "net")
+        marks = dict(zip(sides, (Line2D([], [], **look) for look in _SIDES), strict=True))
         figure.supxlabel("what learners are told (more →)", fontsize="medium")
         _finish(data, figure, axes, marks | {"chance": Line2D([], [], **_CHANCE)})
     return figure
@@ -491,7 +491,7 @@ def along(data: Data) -> Figure | None:
             numbers = sorted(values, key=lambda value: prod(map(float, value.split("x"))))
             for i, learner in enumerate(panel.learners):
                 own = cells.loc[[(panel.grid, f"{name} {value}", learner) for value in numbers]]
-                at = np.arange(len(own)) + 0.4 * ((i + 0.5) / len(panel.learners) - 0.5)
+                at: Any = np.arange(len(own)) + 0.4 * ((i + 0.5) / len(panel.learners) - 0.5)
                 title = data.experiment.learners[learner].declared.title
                 look = data.look(learner) | {"ls": "-"}
                 for axis, shown in zip(column, _ROWS, strict=True):

@@ -75,8 +75,12 @@ def summary(data: Data) -> pd.DataFrame:
             if learner.name in known:  # a user's learner of the same name is shown instead
                 continue
             steps, success = outcomes(side, learner.name, run.scenario.name)
-            row = {"learner": learner.name, "title": learner.title, "scenario": run.scenario.name}
-            row |= {"n": len(steps), "n_learned": np.isfinite(steps).sum()}
+            row: dict[str, Any] = {"learner": learner.name, "title": learner.title}
+            row |= {
+                "scenario": run.scenario.name,
+                "n": len(steps),
+                "n_learned": np.isfinite(steps).sum(),
+            }
             row |= with_ends("steps", median(steps)) | with_ends("success", proportion(success))
             rows.append(
                 row | {"random_success": _chance(run.scenario.drawn(run.seed), run.horizon)}

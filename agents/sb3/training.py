@@ -149,7 +149,7 @@ def train_agent(
         updates: list[None] = []
         hook = register_optimizer_step_post_hook(lambda *_: updates.append(None))
         try:
-            agent.learn(settings.budget, callback=kept, log_interval=None)
+            agent.learn(settings.budget, callback=kept, log_interval=None)  # type: ignore[arg-type]
             if agent.num_timesteps != settings.budget and not kept.has_ended:
                 found = f"{cls.__name__}: trained for {agent.num_timesteps} steps"
                 raise InputError(f"{found}; accepted: the budget of {settings.budget}.")

@@ -66,10 +66,12 @@ def test_saved_models_act_as_they_predict(
 ) -> None:
     file, name = tmp_path / "model.zip", f"{cls.__module__}:{cls.__name__}"
     moody = gymnasium.make("envs:Proxemic/Moody-v0", observation="one_hot")
-    model = cls("MlpPolicy", moody, seed=0, device="cpu", policy_kwargs=net, **arguments).learn(64)
+    model: Any = cls(
+        "MlpPolicy", moody, seed=0, device="cpu", policy_kwargs=net, **arguments
+    ).learn(64)
     model.save(file)
     table, is_value = agent_table(model, MOODY, "one_hot")
-    loaded = load_model(str(file), name)
+    loaded: Any = load_model(str(file), name)
     assert np.array_equal(agent_table(loaded, MOODY, "one_hot")[0], table)
     observations = observation_table(MOODY, "one_hot")
     actions, _ = model.predict(observations, deterministic=True)

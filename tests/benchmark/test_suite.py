@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -20,6 +21,7 @@ from benchmark.__main__ import main
 from benchmark.experiment import load_experiment
 from benchmark.study import Data
 from envs import InputError
+from envs.proxemic_env import ProxemicEnv
 from tests.support import ROOT, small_experiment, variant
 
 STEPS = (0, 100, 200, 400)
@@ -162,7 +164,7 @@ def test_a_class_in_a_file_runs_in_all_scenes(
     (row,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("| Mine"))
     assert row in (folder / "README.md").read_text(encoding="utf-8")
     assert (folder / "suite.svg").is_file()
-    runs = load_experiment(tmp_path / "results" / "bench_Mine" / "bench_Mine.toml").populations
+    runs: Any = load_experiment(tmp_path / "results" / "bench_Mine" / "bench_Mine.toml").populations
     assert len(runs) == 8
     assert all(each.first.settings.policy_kwargs["net_arch"] == [16] for each in runs)
     assert main(command) == 0
@@ -206,6 +208,6 @@ def test_callback_logs_what_assess_finds(tmp_path: Path) -> None:
     assert model.num_timesteps == 100  # at once
     model.logger.close()
     with pytest.raises(InputError, match=r"gymnasium\.make"):
-        PPO("MlpPolicy", env.unwrapped.__class__("S1", "one_hot"), n_steps=50, batch_size=50).learn(
+        PPO("MlpPolicy", ProxemicEnv("S1", "one_hot"), n_steps=50, batch_size=50).learn(
             50, callback=ExactEvalCallback(50)
         )

@@ -49,7 +49,7 @@ def test_onlookers_stand_in_the_first_free_cells_of_each_way() -> None:
     for place in range(7):
         rows = np.flatnonzero((layout.ways == every.ways[place]).all(axis=1))
         if every.novelty[place] == SEEN:
-            *rows, new = rows
+            new, rows = int(rows[-1]), rows[:-1]
             way = 10 + [*np.flatnonzero(every.novelty == SEEN)].index(place)
             expected = [cell for cell in orders[way] if cell != int(every.ways[place, 0])][:3]
             assert layout.onlookers[new].tolist() == expected
