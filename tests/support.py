@@ -127,8 +127,10 @@ def all_specifications(
 
 
 def few_places(name: str, n: int = 6) -> dict[str, Any]:
-    """Returns overrides with which a scenario is small: a group stands in few of many ways."""
-    return {"issuer.places": n} if load_scenario(name).group else {}
+    """Returns overrides with which a scenario is small: people stand in few of many ways."""
+    scenario = load_scenario(name)
+    onlookers = {"onlookers.ways": n} if scenario.onlookers else {}
+    return {"issuer.places": n} | onlookers if scenario.group or onlookers else {}
 
 
 def git(folder: Path, *arguments: str) -> str:

@@ -17,7 +17,7 @@ from benchmark.__main__ import main
 from benchmark.assess import Act, assess, draw_map
 from envs import EVENTS, InputError, compile_scenario, load_scenario
 
-UP, DOWN, LEFT, RIGHT = range(4)
+UP, DOWN, LEFT, RIGHT, PING = range(5)
 
 
 def optimal(scenario: str) -> Act:
@@ -36,7 +36,8 @@ def test_scores_of_the_optimal_the_random_and_a_worse_policy() -> None:
     # Row 4, column 6 is the nearest cell of the target region: ten moves and a PING.
     assert (best.score, best.success, best.evaluation.steps) == pytest.approx((1, 1, 11))
     random = assess(lambda _: np.full(5, 0.2), scenario="Moody", observation="one_hot")
-    assert random.unbounded_score == pytest.approx(0, abs=1e-9)
+    gives_up = assess(lambda _: PING, scenario="Moody", observation="one_hot")
+    assert random.unbounded_score < gives_up.unbounded_score == pytest.approx(0, abs=1e-9)
     worse = assess(lambda _: UP, scenario="S1", observation="index")
     assert worse.unbounded_score < worse.score == 0
 

@@ -60,7 +60,7 @@ def reseal(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("file", "column", "value", "fault"),
     [
-        ("compare_deep/summary.csv", "n", 10, "q_learning, index has so many runs"),
+        ("compare_deep/summary.csv", "n", 10, "tables and tile coding have 100 runs"),
         ("compare_deep/contrasts.csv", "success_verdict", "better", "no net beats a tuned table"),
         ("compare_deep/contrasts.csv", "success_margin", 0.5, "the margin is 0.1"),
     ],
