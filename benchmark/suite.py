@@ -26,7 +26,6 @@ from benchmark.study import Data, FigureFunction, Report, TableFunction, learnin
 from benchmark.style import WIDTH, colour_map, draw_cells, figure_of
 from envs import InputError, compile_scenario
 from envs.packages import missing_package
-from envs.words import listed
 
 SUITE: Final = "suite"  # the experiment whose runs are published
 RELATIVE_TO: Final = "tile_coding, coordinates"
@@ -58,10 +57,14 @@ def published() -> Data | None:
     return Data(experiment, None, runs, curves)
 
 
+def is_suite(data: Data) -> bool:
+    """Returns whether an experiment is the suite itself, or its miniature."""
+    return data.experiment.name.removesuffix("_smoke") == SUITE
+
+
 def sides(data: Data) -> list[Data]:
     """Returns an experiment and, unless it is the suite itself, the published learners."""
-    is_suite = data.experiment.name.removesuffix("_smoke") == SUITE
-    other = None if is_suite else published()
+    other = None if is_suite(data) else published()
     return [data, other] if other else [data]
 
 
@@ -177,17 +180,14 @@ def _ratio(row: Any) -> str:
 
 def headline(data: Data) -> str:
     """Says how many scenes each learner learns; of a user's learners, with rows to paste."""
-    table, own = data.tables["learners"], {*data.experiment.learners}
-    budget = data.runs["budget"].max()
-    found = [f"{row['title']} {row['scenes_learned']}" for row in table.to_dict("records")]
-    n = listed(map(str, sorted({*table["n"]})))
+    table, budget = data.tables["learners"], data.runs["budget"].max()
+    found = ", ".join(f"{row['title']} {row['scenes_learned']}" for row in table.to_dict("records"))
+    sizes = " or ".join(map(str, sorted({*table["n"]})))
     text = f"""\
-Number of {table["scenes"].max()} scenes that learners learn within {budget:,} steps, that is, that
-most of their runs do ({n} runs in each scene): {", ".join(found)}.
+How many of {table["scenes"].max()} scenes each learner learns within {budget:,} steps, that is, in
+how many most of its {sizes} runs do: {found}.
 """
-    if own < {*table["learner"]}:
-        text += f"\nTo paste:\n\n```\n{rows_to_paste(data)}\n```\n"
-    return text
+    return text if is_suite(data) else f"{text}\nTo paste:\n\n```\n{rows_to_paste(data)}\n```\n"
 
 
 def rows_to_paste(data: Data) -> str:
