@@ -372,7 +372,8 @@ class Extension(Table):
     description: Text
     """What the experiment is about, for readers."""
     changes: dict[str, object]
-    """New values, by dotted key. The base's `note` and `report.question` are dropped."""
+    """New values, by dotted key. The base's `note` and `report.question` are dropped, and with a
+    new table `solved` its `map_every`, too."""
 
 
 def experiment_names() -> list[str]:
@@ -434,6 +435,8 @@ def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, object]:
         # These may be false of this one.
         texts = ["note", "report.question"] if "report" in data else ["note"]
         described = dict.fromkeys(texts, "") | {"description": extension.description}
+        if "solved" in extension.changes:
+            data.pop("map_every", None)
         for changes in (described, extension.changes):
             data = override(data, changes, str(path))
     if isinstance(data.get("report"), str):
