@@ -133,8 +133,10 @@ def _searched(results: Path) -> str:
     return f"""\
 ## When deep RL earns its keep
 
-Harder scenes, so far only those in which settings were searched: the person stands in one of many
-cells, drawn every episode, or among onlookers. This is one search, without a test.
+So far, this is known of the scenes in which settings were searched: a fixed person as above, one
+who stands in one of up to 40 cells, drawn every episode, and one among two onlookers. It is one
+search of 64 settings for each learner, with one run each, without a test. Nets were not searched
+among onlookers.
 
 {text[start : text.index("## ", start)].strip()}
 
@@ -175,11 +177,11 @@ def _compared(tables: Tables, tuning: Tables) -> str:
 *Means over 100 runs (SB3: {n_sb3}); shades: 95 % intervals. Tuned: the best of
 {tuning["chosen"]["trials"].iloc[0] + 1} settings in other scenarios.*
 
-Over all three, no net is shown to beat the tuned Q(λ) table or tile coding. Against the paper's
-table, the verdict on SB3's DQN is *{verdicts[nets[0], paper]}*, on its PPO
-*{verdicts[nets[1], paper]}*. With SB3's defaults, their mean success is {dqn:.2f} and {ppo:.2f}.
-In other scenes, DQN and PPO are our own, compiled; against SB3's, they are
-*{verdicts["dqn, one_hot", nets[0]]}* and *{verdicts["ppo, one_hot", nets[1]]}*.
+Over all three, no net is shown to beat the tuned Q(λ) table or tile coding. Verdicts on SB3's nets
+against the paper's table: *{verdicts[nets[0], paper]}* (DQN) and *{verdicts[nets[1], paper]}*
+(PPO). With SB3's defaults, their mean success is {dqn:.2f} and {ppo:.2f}. In other scenes, nets are
+our own, compiled. Whether they succeed as often as SB3's, within 0.1, is
+*{verdicts["dqn, one_hot", nets[0]]}* for DQN and *{verdicts["ppo, one_hot", nets[1]]}* for PPO.
 [All learners and verdicts](results/compare_deep/README.md)
 """
 

@@ -239,11 +239,13 @@ def effort(data: Data) -> pd.DataFrame:
     """Steps of search and training together, from nothing, until a run has learned.
 
     Once the cost of tuning counts, simple algorithms can outperform their successors: "Benchmarking
-    RL should account for tuning", openreview.net/forum?id=816gaVGHgP.
+    RL should account for tuning", openreview.net/forum?id=816gaVGHgP. Candidates do not count:
+    nobody knows what it took to find them.
     """
-    rows = list[dict[str, Any]]()
+    rows, last = list[dict[str, Any]](), search_of(data.experiment).trials
     for outcome in found(data):
-        of_scenes = [_expected(own) for _, own in outcome.runs.groupby("scenario")]
+        runs = outcome.runs[outcome.runs["trial"] <= last]
+        of_scenes = [_expected(own) for _, own in runs.groupby("scenario")]
         table = pd.DataFrame(of_scenes)
         row = {"learner": outcome.learner.name, **table[["learned", "tried"]].sum()}
         rows.append(row | {**table[["default", "total", "drawn"]].mean()})
@@ -251,7 +253,7 @@ def effort(data: Data) -> pd.DataFrame:
 
 
 def _expected(runs: pd.DataFrame) -> dict[str, float]:
-    """Returns what it takes in a scenario, if trial 0 runs first, and if other runs are drawn."""
+    """Returns what it takes in a scenario, if trial 0 runs first, and if drawn trials alone run."""
     is_default, budget = runs["trial"] == 0, int(runs["budget"].iloc[0])
     default, others = (runs["steps"][which].to_numpy() for which in (is_default, ~is_default))
     drawn = expected_drawn(others, budget)
@@ -346,7 +348,7 @@ COLUMNS: Final = {
     "is_chosen": "whether its settings are chosen",
     "is_finalist": "whether it is among the best by first runs",
     "kind": "default, drawn or candidate (known to work before the search)",
-    "learned": "first runs of the other trials that have learned",
+    "learned": "first runs of drawn trials that have learned",
     "median_steps": "steps until a first run has learned, median; inf if half never do",
     "n_fresh": "runs with fresh seeds",
     "p": "p-value of no gain, times the number of all finalists",
@@ -357,7 +359,7 @@ COLUMNS: Final = {
     "total": "expected steps of search and training until a run has learned, mean over scenarios; "
     "inf if none may ever in one of them",
     "trials": "trials without trial 0",
-    "tried": "first runs of the other trials",
+    "tried": "first runs of drawn trials",
     "verdict": "whether a gain is shown, see README",
 }
 
@@ -411,7 +413,7 @@ over the scenarios of the learner. Means are rounded to two digits, and of equal
 trial counts. {greedy}.
 
 Trial 0 has the declared settings, {search.trials} trials are points of a Sobol sequence, and
-{len(variant.candidates)} are candidates, which were known to work elsewhere. First runs of each in
+{len(variant.candidates)} are candidates, which were declared by hand. First runs of each in
 each scenario: {variant.seeds}. The best {search.finalists} and trial 0 ran again with
 {search.seeds} fresh seeds. The best of these is chosen, so its mean and gain are biased upwards.
 For that, p-values are multiplied by the number of all finalists. A gain is shown if p is at most
@@ -419,6 +421,6 @@ For that, p-values are multiplied by the number of all finalists. A gain is show
 P-values are those of permutations of runs within scenarios. Intervals are Student's, of means over
 scenarios by seed.
 
-Right of the figure and in `effort.csv`, trial 0 runs first. If it does not learn, first runs of the
-other trials are drawn, without replacement, until one has learned. A run that never learns costs
-the budget, even if it was given up."""
+Right of the figure and in `effort.csv`, trial 0 runs first. If it does not learn, first runs of
+drawn trials follow in random order until one has learned; candidates are left out. A run that
+never learns costs the budget, even if it was given up."""
