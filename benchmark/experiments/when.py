@@ -12,11 +12,7 @@ APART, ALIKE, RELATIVE, TOLD = (
     "who counts",
 )
 # Verdicts on DQN, by steps: the rung, numbers of onlookers, and what the text says
-EXPECTED = [
-    (ALIKE, (8, 16), "faster"),
-    (RELATIVE, (0, 2, 8), "slower"),
-    (TOLD, (0, 2, 8), "slower"),
-]
+EXPECTED = [(ALIKE, (8, 16), "faster"), (RELATIVE, (0, 2, 8), "slower"), (TOLD, (0,), "slower")]
 TABLE, TILES, DQN = "replay_table, index", "tile_coding, coordinates", "dqn, coordinates"
 OFFSET_TILES, OFFSET_DQN = "tile_coding, offset_coordinates", "dqn, offset_tiles"
 
@@ -28,7 +24,7 @@ def finding(tables: Mapping[str, Any]) -> str:
     rungs = tables["rungs"].set_index(["rung", "net", "point"]).sort_index()
     chance = rungs.loc["chance"].iloc[0]["net_unseen_success"]
 
-    assert rungs["tiles_n"].dropna().eq(24).all(), "tile coding has 24 runs"
+    assert rungs["tiles_n"].dropna().ge(20).all(), "tile coding has 20 runs or more"
     for rung, numbers, verdict in EXPECTED:
         for k in numbers:
             found = rungs.loc[(rung, "DQN", f"onlookers {k}"), "steps_verdict"]
@@ -36,7 +32,7 @@ def finding(tables: Mapping[str, Any]) -> str:
     for k in (2, 8):
         nothing = rungs.loc[("nothing", "DQN", f"onlookers {k}")]
         assert nothing["net_n_solved"] == 0, f"told nothing, DQN never learns among {k}"
-        assert nothing["tiles_n_solved"] <= 12, f"told nothing, most tiles never learn among {k}"
+        assert nothing["tiles_n_solved"] <= 10, f"told nothing, most tiles never learn among {k}"
     of_nets = contrasts[(contrasts["grid"] == "places") & (contrasts["y"] != TABLE)]
     assert "faster" not in {*of_nets["steps_verdict"]}, "no net beats tile coding among places"
     of_groups = contrasts[contrasts["grid"] == "groups"]
@@ -65,8 +61,8 @@ matters. This is about DQN; PPO was not tried with one net over all people.
 
 **Told less or more.** Told nothing, neither plain DQN nor, mostly, tile coding of everything learns
 among onlookers. Tiles of the agent with each person, apart, need {steps(APART, 2, "tiles", "none")}
-among 2. Told who counts, tile coding needs {steps(TOLD, 8, "tiles")} and DQN
-{steps(TOLD, 8, "net")}.
+among 2. Told who counts, tile coding needs {steps(TOLD, 0, "tiles")} and DQN
+{steps(TOLD, 0, "net")}, however many onlookers there are: it does not see them.
 
 **New places and ways.** Told that people are alike, after as many steps, among 8 onlookers, success
 in new places and among onlookers in new ways is {new(ALIKE, 8, "net")} with DQN and
