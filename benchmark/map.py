@@ -278,10 +278,9 @@ def rungs(data: Data) -> pd.DataFrame | None:
             row: dict[str, Any] = {"rung": rung.title, "point": where[1], "net": title}
             sides = {"tiles": tiles, "net": net} if net else {"tiles": tiles}
             for side, learner in sides.items():
-                cell, chosen = (
-                    cells.loc[(*where, learner)],
-                    data.experiment.learners[learner].chosen,
-                )
+                cell = cells.loc[(*where, learner)]
+                chosen = data.experiment.learners[learner].chosen
+                row |= {"budget": cell["budget"]}
                 row |= {f"{side}_{name}": cell[name] for name in shown}
                 row |= {f"{side}_trials": chosen.trials + 1 if chosen else 1}
             if net:
@@ -475,8 +474,8 @@ def ladder(data: Data) -> Figure | None:
             column[1].axhline(_chance(data), **_CHANCE)
             titles = [rung.title for rung in rungs]
             column[1].set_xticklabels(titles, rotation=40, ha="right", rotation_mode="anchor")
-        titles = "tile coding", next(filter(None, names), "net")
-        marks = dict(zip(titles, (Line2D([], [], **look) for look in _SIDES), strict=True))
+        sides = "tile coding", next(filter(None, names), "net")
+        marks = dict(zip(sides, (Line2D([], [], **look) for look in _SIDES), strict=True))
         figure.supxlabel("what learners are told (more →)", fontsize="medium")
         _finish(data, figure, axes, marks | {"chance": Line2D([], [], **_CHANCE)})
     return figure
@@ -509,7 +508,7 @@ def along(data: Data) -> Figure | None:
 
 
 def _draw(
-    data: Data, axis: Axes, at: Numbers, cells: pd.DataFrame, name: str, look: Look
+    data: Data, axis: Axes, at: NDArray[Any], cells: pd.DataFrame, name: str, look: Look
 ) -> Line2D:
     """Draws a column of cells with its intervals; hollow if it is infinite."""
     value, low, high = _shown(data, cells, name)

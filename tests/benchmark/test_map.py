@@ -199,7 +199,8 @@ def test_texts_name_what_else_differs_and_who_is_given_up(tmp_path: Path) -> Non
 def test_pairs_are_runs_of_the_same_seed(tmp_path: Path) -> None:
     """Twelve runs of a net meet the first twelve of tile coding, in whatever order."""
     change = f'index"], seeds = {N}', 'index"], seeds = 12'
-    data = made(tmp_path, [{1000: 1}] * 12 + [NEVER], [{9000: 1}], change=change)
+    learns: Curve = {1000: 1}
+    data = made(tmp_path, [learns] * 12 + [NEVER], [{9000: 1}], change=change)
     assert row_of(data)[["n", "steps_wins", "learned_x", "learned_y"]].tolist() == [12, 1, 12, 12]
 
 
