@@ -91,7 +91,7 @@ class Variant(Table):
     """Names of the scenarios in which a search tries it; all by default."""
     tuned_by: Line = ""
     """`EXPERIMENT:VARIANT`: learners take what that search has chosen for them, except their own
-    settings. With a form, `EXPERIMENT:VARIANT, FORM`, they take what it has chosen for that one."""
+    settings."""
 
     def numbered(self, n: int | None = None) -> range:
         """Returns the seeds of its runs, or of n runs."""
@@ -639,15 +639,14 @@ class _Loading:
         if not variant.tuned_by:
             return {}
         where = f"{self.path}: algorithms.{name}.tuned_by = {variant.tuned_by}"
-        source, _, named = variant.tuned_by.rpartition(":")
-        searched, _, searched_form = named.partition(", ")
+        source, _, searched = variant.tuned_by.rpartition(":")
         declared, path = read_experiment(_beside(self.path, source or searched))
         if declared.search is None or not source:
             raise InputError(f"{where}: accepted: SEARCH:VARIANT of one with a table [search].")
         made = read_chosen(path, where)
         if made.search != digest_of_search(declared):
             raise InputError(f"{where}: {path} has changed since; run it again, with --report.")
-        names = {form: f"{searched}, {searched_form or form}" for form in variant.observations}
+        names = {form: f"{searched}, {form}" for form in variant.observations}
         for name in names.values():
             if name not in made.learners:
                 unknown_name(where, "learner of the search", name, made.learners)

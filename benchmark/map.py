@@ -85,7 +85,8 @@ class Ladder(Table):
     """Rungs, each with more knowledge than the one before."""
 
     grids: Annotated[Names, Field(min_length=1)]
-    """The grids where they are compared; figures show points at which all rungs run."""
+    """The grids where they are compared. Figures show points at which the first rung runs, and a
+    learner that does not run there as it is at its own first point."""
     rungs: Annotated[tuple[Rung, ...], Field(min_length=1)]
     """The rungs."""
 
@@ -277,10 +278,9 @@ def rungs(data: Data) -> pd.DataFrame | None:
             row: dict[str, Any] = {"rung": rung.title, "point": where[1], "net": title}
             sides = {"tiles": tiles, "net": net} if net else {"tiles": tiles}
             for side, learner in sides.items():
-                cell, chosen = (
-                    cells.loc[(*where, learner)],
-                    data.experiment.learners[learner].chosen,
-                )
+                cell = cells.loc[(*where, learner)]
+                chosen = data.experiment.learners[learner].chosen
+                row |= {"budget": cell["budget"]}
                 row |= {f"{side}_{name}": cell[name] for name in shown}
                 row |= {f"{side}_trials": chosen.trials + 1 if chosen else 1}
             if net:
@@ -453,15 +453,17 @@ def ladder(data: Data) -> Figure | None:
     if declared is None:
         return None
     cells, rungs = data.tables["cells"].set_index(KEYS), declared.rungs
-    points = list(dict.fromkeys(key[:2] for key in cells.index if key[0] in declared.grids))
-    points = [at for at in points if all((*at, rung.tiles) in cells.index for rung in rungs)]
+    on_ladder = [key for key in cells.index if key[0] in declared.grids]
+    points = [key[:2] for key in on_ladder if key[2] == rungs[0].tiles]
+    first = {key[2]: key for key in reversed(on_ladder)}
     names = [next(iter(rung.nets), "") for rung in rungs]
     with figure_of(2, len(points), (WIDTH, 5.6)) as (figure, axes):
         for column, point in zip(axes.T, points, strict=True):
             for axis, name in zip(column, _ROWS, strict=True):
                 for i, rung in enumerate(rungs):
                     learners = [rung.tiles, *[*rung.nets.values()][:1]]
-                    own = cells.loc[[(*point, learner) for learner in learners]]
+                    keys = [(*point, learner) for learner in learners]
+                    own = cells.loc[[key if key in cells.index else first[key[2]] for key in keys]]
                     at = i + np.array([-0.13, 0.13])[: len(own)]
                     axis.plot(at, _shown(data, own, name)[0], color="0.5", lw=1, zorder=1)
                     for k, look in enumerate(_SIDES[: len(own)]):
@@ -506,7 +508,7 @@ def along(data: Data) -> Figure | None:
 
 
 def _draw(
-    data: Data, axis: Axes, at: Numbers, cells: pd.DataFrame, name: str, look: Look
+    data: Data, axis: Axes, at: NDArray[Any], cells: pd.DataFrame, name: str, look: Look
 ) -> Line2D:
     """Draws a column of cells with its intervals; hollow if it is infinite."""
     value, low, high = _shown(data, cells, name)
@@ -523,7 +525,7 @@ def _shown(data: Data, cells: pd.DataFrame, name: str) -> Numbers:
     if name != "steps":
         return shown
     shown = shown.clip(data.experiment.declared.evaluation_every)
-    return np.where(np.isinf(shown), _NEVER * cells["budget"].to_numpy(), shown)
+    return np.where(np.isinf(shown), _NEVER * data.tables["cells"]["budget"].max(), shown)
 
 
 def _finish(data: Data, figure: Figure, axes: NDArray[Any], lines: Mapping[str, Line2D]) -> None:

@@ -41,7 +41,7 @@ class Report(Table):
     """What any experiment declares of its report."""
 
     kind: str
-    """The study: `comparison`, `map`, `replication`, `search`, or a module."""
+    """The study: `comparison`, `map`, `replication`, `search`, `suite`, or a module."""
     question: Label = ""
     """The heading of the results; by default the study's."""
 

@@ -137,11 +137,10 @@ def draw_onlookers(layout: Layout, onlookers: Onlookers, draw: int) -> Layout:
     """Returns a layout whose places are repeated with different ways in which onlookers stand."""
     grid, n_ways = layout.grid, onlookers.ways
     seen, new = (np.flatnonzero(layout.novelty == kind) for kind in (SEEN, NEW_PLACE))
-    repeated = np.resize(seen, max(n_ways, len(seen))), np.tile(new, -(-n_ways // len(seen)))
-    way = np.concatenate([np.arange(len(places)) % n_ways for places in repeated])
-    n_new_ways = len(seen) if len(new) else 0
-    place = np.concatenate([*repeated, seen[:n_new_ways]])
-    way = np.append(way, n_ways + np.arange(n_new_ways))
+    n_trained, n_new_ways = max(n_ways, len(seen)), len(seen) if len(new) else 0
+    place = np.concatenate([np.resize(seen, n_trained), new, seen[:n_new_ways]])
+    old_ways = [np.arange(n) % n_ways for n in (n_trained, len(new))]
+    way = np.concatenate([*old_ways, n_ways + np.arange(n_new_ways)])
     order = place.argsort(kind="stable")
     place, way = place[order], way[order]  # (J,) each
     novelty = np.where(way < n_ways, layout.novelty[place], NEW_WAY)

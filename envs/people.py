@@ -238,9 +238,8 @@ class Onlookers(Table):
     places of the person in turn: the first place with the first way, and so on, each list starting
     again at its end. There are as many combinations as places or ways, whichever are more; each
     episode has one. If the ways are no multiple of the places, some places occur once more than
-    others. Each unseen place is combined with as many of the same ways as seen places are, rounded
-    up; and if there are unseen places, each other place with one more way, which no episode of
-    training has.
+    others. Each unseen place is combined with one of the same ways, in turn. If there are unseen
+    places, each other place is also combined with a new way, which no episode of training has.
     """
 
     people: Annotated[int, Field(ge=0, le=1000)]

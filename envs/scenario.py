@@ -296,8 +296,7 @@ class Scenario(Table):
             where = f"onlookers.people = {crowd.people}"
             require(crowd.people <= most, where, f"at most {most}, a free cell for each")
             n_seen = max(n_places - issuer.unseen, 1)
-            n_places = max(crowd.ways, n_seen) + issuer.unseen * -(-crowd.ways // n_seen)
-            n_places += n_seen if issuer.unseen else 0
+            n_places = max(crowd.ways, n_seen) + (n_places if issuer.unseen else 0)
         n_outcomes = 1 + max(len(stage.next or {}) for stage in stages)
         n = n_states * n_places * n_outcomes
         where = f"{what} x places x phases that may follow = {n} states"

@@ -12,11 +12,7 @@ APART, ALIKE, RELATIVE, TOLD = (
     "who counts",
 )
 # Verdicts on DQN, by steps: the rung, numbers of onlookers, and what the text says
-EXPECTED = [
-    (ALIKE, (8, 16), "faster"),
-    (RELATIVE, (0, 2, 8), "slower"),
-    (TOLD, (0, 2, 8), "slower"),
-]
+EXPECTED = [(ALIKE, (8, 16), "faster"), (RELATIVE, (0, 2, 8), "slower"), (TOLD, (0,), "slower")]
 TABLE, TILES, DQN = "replay_table, index", "tile_coding, coordinates", "dqn, coordinates"
 OFFSET_TILES, OFFSET_DQN = "tile_coding, offset_coordinates", "dqn, offset_tiles"
 
@@ -28,7 +24,7 @@ def finding(tables: Mapping[str, Any]) -> str:
     rungs = tables["rungs"].set_index(["rung", "net", "point"]).sort_index()
     chance = rungs.loc["chance"].iloc[0]["net_unseen_success"]
 
-    assert rungs["tiles_n"].dropna().eq(24).all(), "tile coding has 24 runs"
+    assert rungs["tiles_n"].dropna().ge(20).all(), "tile coding has 20 runs or more"
     for rung, numbers, verdict in EXPECTED:
         for k in numbers:
             found = rungs.loc[(rung, "DQN", f"onlookers {k}"), "steps_verdict"]
@@ -36,11 +32,11 @@ def finding(tables: Mapping[str, Any]) -> str:
     for k in (2, 8):
         nothing = rungs.loc[("nothing", "DQN", f"onlookers {k}")]
         assert nothing["net_n_solved"] == 0, f"told nothing, DQN never learns among {k}"
-        assert nothing["tiles_n_solved"] <= 12, f"told nothing, most tiles never learn among {k}"
-    of_nets = contrasts[(contrasts["grid"] == "places") & (contrasts["y"] != TABLE)]
-    assert "faster" not in {*of_nets["steps_verdict"]}, "no net beats tile coding among places"
-    of_groups = contrasts[contrasts["grid"] == "groups"]
-    assert "faster" not in {*of_groups["steps_verdict"]}, "no net is faster among people who talk"
+        assert nothing["tiles_n_solved"] <= 10, f"told nothing, most tiles never learn among {k}"
+    of_nets = contrasts[contrasts["y"].isin([TILES, OFFSET_TILES])]
+    for grid in ("places", "groups"):
+        verdicts = of_nets[of_nets["grid"] == grid]["steps_verdict"]
+        assert "faster" not in {*verdicts}, f"{grid}: no net is faster than tile coding"
 
     def steps(rung: str, k: int, side: str, net: str = "DQN") -> str:
         row = rungs.loc[(rung, net, f"onlookers {k}")]
@@ -54,7 +50,7 @@ def finding(tables: Mapping[str, Any]) -> str:
 
     many, why = cells.loc["places", "places 64"], cells.loc["why", "places 64"]
     two = cells.loc["groups", "people 2"]
-    slower = contrasts["steps_verdict"].eq("slower").groupby(contrasts["grid"]).sum()
+    in_places = of_nets[of_nets["grid"] == "places"]["steps_verdict"]
     return f"""\
 Told only that people are alike, DQN needs fewer steps than tile coding among 8 onlookers
 ({steps(ALIKE, 8, "net")} against {steps(ALIKE, 8, "tiles")}, medians) and 16; among 2, they need
@@ -65,8 +61,8 @@ matters. This is about DQN; PPO was not tried with one net over all people.
 
 **Told less or more.** Told nothing, neither plain DQN nor, mostly, tile coding of everything learns
 among onlookers. Tiles of the agent with each person, apart, need {steps(APART, 2, "tiles", "none")}
-among 2. Told who counts, tile coding needs {steps(TOLD, 8, "tiles")} and DQN
-{steps(TOLD, 8, "net")}.
+among 2. Told who counts, tile coding needs {steps(TOLD, 0, "tiles")} and DQN
+{steps(TOLD, 0, "net")}, however many onlookers there are: it does not see them.
 
 **New places and ways.** Told that people are alike, after as many steps, among 8 onlookers, success
 in new places and among onlookers in new ways is {new(ALIKE, 8, "net")} with DQN and
@@ -77,14 +73,14 @@ and a way are trained: tiles of everything can nearly memorise them, so success 
 **Places.** Without onlookers, in 64 places, given cells, a table with a backward pass needs
 {needed(many.loc[TABLE])} steps, tile coding {needed(many.loc[TILES])}, DQN
 {needed(many.loc[DQN])}; given offsets, {needed(many.loc[OFFSET_TILES])} (tile coding) and
-{needed(many.loc[OFFSET_DQN])} (DQN). No net is faster than tile coding in any place; nets are
-slower in {slower["places"]} contrasts.
+{needed(many.loc[OFFSET_DQN])} (DQN). With 1 to 64 places, nets are slower than tile coding in
+{in_places.eq("slower").sum()} of {len(in_places)} contrasts, and never faster.
 
 **Why.** Given offsets, DQN needs {needed(why.loc["dqn, offset_coordinates"])} steps from
 coordinates and {needed(why.loc["dqn, offset_factored"])} from one-hot rows and columns; without
-hidden layers, {needed(why.loc["linear_dqn, offset_factored"])}. Liang et al.
-([arXiv 1512.01563](https://arxiv.org/abs/1512.01563)) found the same on Atari: much of what DQN
-gains lies in its features.
+hidden layers, {needed(why.loc["linear_dqn, offset_factored"])}. In Atari games, Liang et al.
+([arXiv 1512.01563](https://arxiv.org/abs/1512.01563)) found that linear learners with suitable
+features come close to DQN.
 
 **Groups.** To join two people who talk, given their offsets, tile coding needs
 {needed(two.loc[OFFSET_TILES])} steps and DQN {needed(two.loc["dqn, offset_factored"])}.

@@ -64,7 +64,7 @@ algorithm = "tests.agents.plain:Q_LEARNING"
 observations = ["offset"]
 seeds = 2
 first_seed = 101
-tuned_by = "search.toml:q, index"
+tuned_by = "search.toml:q"
 settings = {{ epsilon = 0.3 }}
 """
 GRIDS = """
@@ -318,15 +318,14 @@ def chosen(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_runs_have_the_pick_for_their_observation_or_a_named_one(chosen: Path) -> None:
+def test_runs_have_the_pick_for_their_observation(chosen: Path) -> None:
     experiment = made(chosen / "tuned.toml", TUNED)
     assert [[*each.seeds] for each in experiment.populations] == 2 * [[100, 101]] + [[101, 102]]
     for population in experiment.populations:
         assert population.learner.search == "search.toml"
         for run in population.runs():
             settings = run.settings.model_dump()
-            is_plain = population.learner.variant == "plain"  # takes the pick of another form
-            rate = RATES["index" if is_plain else population.learner.observation]
+            rate = RATES[population.learner.observation]
             assert (settings["learning_rate"], settings["discount"]) == (rate, 0.8)
             assert settings["epsilon"] == 0.3
 
