@@ -91,8 +91,7 @@ class Records:
         Its value is above zero and differs from the initial one.
         """
         q = self.arrays["q"][:, :, PING]
-        initial = np.array([getattr(run.settings, "initial_value", 0) for run in self.runs])
-        valued = (q > 0) & (q != initial[:, None])
+        valued = (q > 0) & (q != getattr(self.run.settings, "initial_value", 0))
         return np.asarray(valued[:, self.model.observation[self.model.fresh_state]])
 
 
@@ -160,10 +159,3 @@ def check_scores(runs: Iterable[RunSpecification]) -> None:
         if not largest_success(model, horizon):
             what = f"no policy succeeds within horizon = {horizon}"
             raise InputError(f"{scenario.name}: {what}; accepted: a longer horizon.")
-
-
-def optimal_values(records: Records) -> Floats:
-    """Returns the learner's Q* of fresh states, (F, A); with discount 1, up to the horizon."""
-    discount = records.run.settings.discount_factor
-    horizon = None if discount < 1 else records.run.horizon
-    return solve(records.model, discount, horizon).q[records.model.fresh_state]

@@ -139,12 +139,6 @@ class Model:
         is_fresh = np.arange(len(self.observation)) % block < len(self.position)
         return np.flatnonzero(is_fresh & ~self.scenario.grid.is_wall[self.cell])
 
-    @cached_property
-    def has_cell_maps(self) -> bool:
-        """Whether one map shows every observation: cells, one place and phase, no wall."""
-        is_cell = self.scenario.observe == ("agent",)
-        return is_cell and not self.context.any() and not self.scenario.grid.is_wall.any()
-
     def states_of(self, context: int) -> Ints:
         """Returns every cell's fresh state, (C,), in a place and phase, at its first tick."""
         place, phase = divmod(context, len(self.scenario.layout.stages))
