@@ -376,7 +376,7 @@ MISTAKES = [
     ("reproduce", '["S1", "S2"]', '["S1", "S4"]', "equal_pay: scenarios: S4: accepted: S1"),
     ("reproduce", "map_every = 1000", "map_every = 600", "map_every = 600: accepted: a multiple"),
     ("reproduce", '"Q-learning table"', '"P\\nPO"', "accepted: text in one line"),
-    ("reproduce", '["index"]', '["one_hot"]', "unknown observation for q_learning one_hot; accep"),
+    ("reproduce", '["index"]', '["one_hot"]', "unknown observation for q_learning one_hot"),
     ("reproduce", "discount =", "discont =", "unknown key discont (did you mean discount?)"),
     ("reproduce", "seeds = 100 ", "seeds = 99_999 ", "accepted: at most 100,000"),
 ]  # fmt: skip
