@@ -16,6 +16,7 @@ is wrong assumes that contrasts are independent (Shaffer 1980, Annals of Statist
 otherwise, it is known from simulation.
 """
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain, product
 from math import prod
@@ -85,8 +86,8 @@ class Ladder(Table):
     """Rungs, each with more knowledge than the one before."""
 
     grids: Annotated[Names, Field(min_length=1)]
-    """The grids where they are compared. Figures show points at which the first rung runs, and a
-    learner that does not run there as it is at its own first point."""
+    """The grids where they are compared. Figures show points at which the first rung runs, and
+    there a learner that runs at one point only as it is at this one."""
     rungs: Annotated[tuple[Rung, ...], Field(min_length=1)]
     """The rungs."""
 
@@ -274,7 +275,8 @@ def rungs(data: Data) -> pd.DataFrame | None:
     for rung, (*where, tiles) in product(ladder.rungs, cells.index):
         if tiles != rung.tiles or where[0] not in ladder.grids:
             continue
-        for title, net in (rung.nets or {"none": ""}).items():
+        nets = {title: net for title, net in rung.nets.items() if (*where, net) in cells.index}
+        for title, net in (nets or {"none": ""}).items():
             row: dict[str, Any] = {"rung": rung.title, "point": where[1], "net": title}
             sides = {"tiles": tiles, "net": net} if net else {"tiles": tiles}
             for side, learner in sides.items():
@@ -454,23 +456,25 @@ def ladder(data: Data) -> Figure | None:
         return None
     cells, rungs = data.tables["cells"].set_index(KEYS), declared.rungs
     on_ladder = [key for key in cells.index if key[0] in declared.grids]
-    points = [key[:2] for key in on_ladder if key[2] == rungs[0].tiles]
-    first = {key[2]: key for key in reversed(on_ladder)}
+    points = [key[1] for key in on_ladder if key[2] == rungs[0].tiles]
+    n_points = Counter(key[2] for key in on_ladder)
+    known = {key[1:]: key for key in on_ladder}  # by point and learner
+    known |= {(at, key[2]): key for key in on_ladder if n_points[key[2]] == 1 for at in points}
     names = [next(iter(rung.nets), "") for rung in rungs]
     with figure_of(2, len(points), (WIDTH, 5.6)) as (figure, axes):
         for column, point in zip(axes.T, points, strict=True):
             for axis, name in zip(column, _ROWS, strict=True):
                 for i, rung in enumerate(rungs):
                     learners = [rung.tiles, *[*rung.nets.values()][:1]]
-                    keys = [(*point, learner) for learner in learners]
-                    own = cells.loc[[key if key in cells.index else first[key[2]] for key in keys]]
+                    keys = [known[point, each] for each in learners if (point, each) in known]
+                    own = cells.loc[keys]
                     at = i + np.array([-0.13, 0.13])[: len(own)]
                     axis.plot(at, _shown(data, own, name)[0], color="0.5", lw=1, zorder=1)
                     for k, look in enumerate(_SIDES[: len(own)]):
                         _draw(data, axis, at[[k]], own.iloc[[k]], name, look)
                 axis.set_xticks(range(len(rungs)), [""] * len(rungs))
                 axis.set_xlim(-0.5, len(rungs) - 0.5)
-            column[0].set_title(" ".join(reversed(point[1].split())), loc="left")
+            column[0].set_title(" ".join(reversed(point.split())), loc="left")
             column[1].axhline(_chance(data), **_CHANCE)
             titles = [rung.title for rung in rungs]
             column[1].set_xticklabels(titles, rotation=40, ha="right", rotation_mode="anchor")

@@ -21,6 +21,7 @@ from agents.nets.arithmetic import Kind, Numbers, inlined, like
 from agents.nets.learner import Agent, NetAlgorithm, NetSettings
 from agents.nets.net import Batch, Net, Parameters, Values, room_for_batch, room_for_values
 from agents.nets.stepping import Envs, Steps, count, draw, room_for_steps, take
+from agents.people import PEOPLE_EXTRACTOR
 from agents.process import N_ACTIONS
 from agents.sb3.settings import DqnSettings
 from envs import Model
@@ -179,6 +180,8 @@ def _update(agent: Dqn) -> None:
 
 class DqnNetSettings(NetSettings, DqnSettings):
     """The settings of compiled DQN."""
+
+    extractors = (PEOPLE_EXTRACTOR,)
 
 
 class DqnAgent(Agent):

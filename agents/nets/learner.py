@@ -5,6 +5,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import groupby
 from typing import Any, ClassVar, Self
 
@@ -16,21 +17,35 @@ from agents.contract import DeepTraining, Fields, Schedule, SequentialAlgorithm,
 from agents.nets.arithmetic import Kind, Numbers
 from agents.nets.net import Net, Parameters, inputs_of, net_of, read, unpadded
 from agents.nets.stepping import envs_of
+from agents.people import PeopleArguments
 from agents.process import N_ACTIONS
-from agents.sb3.settings import DqnSettings, PpoSettings, Sb3Settings
+from agents.sb3.settings import Sb3Settings
 from envs import Model
 from envs.arrays import Ints
-from envs.inputs import require
+from envs.inputs import parse, require
 from envs.observations import VECTORS
 
 
 class NetSettings(Sb3Settings):
-    """Settings of Stable-Baselines3's algorithms, without features extractors."""
+    """Settings of Stable-Baselines3's algorithms, with few features extractors."""
+
+    extractors: ClassVar[tuple[str, ...]] = ()  # the accepted ones
+
+    @cached_property
+    def people(self) -> PeopleArguments | None:
+        """How people are embedded, if they are."""
+        if self.policy_kwargs.features_extractor_class is None:
+            return None
+        given = self.policy_kwargs.features_extractor_kwargs
+        return parse(PeopleArguments, given, "policy_kwargs.features_extractor_kwargs")
 
     @model_validator(mode="after")
-    def _has_no_features_extractor(self) -> Self:
-        is_plain = self.policy_kwargs.features_extractor_class is None
-        require(is_plain, "policy_kwargs.features_extractor_class", "only with sb3_dqn or sb3_ppo")
+    def _has_known_features_extractor(self) -> Self:
+        name = self.policy_kwargs.features_extractor_class
+        accepted = " or ".join([*self.extractors, "others only with sb3_dqn or sb3_ppo"])
+        is_known = name is None or name in self.extractors
+        require(is_known, "policy_kwargs.features_extractor_class", accepted)
+        _ = self.people  # whose arguments are checked
         return self
 
 
@@ -44,7 +59,7 @@ class Agent(ABC):
     def __init__(
         self,
         model: Model,
-        settings: DqnSettings | PpoSettings,
+        settings: Any,
         observation: str,
         points: Ints,
         seed: SeedSequence,
@@ -56,11 +71,15 @@ class Agent(ABC):
         self.envs = envs_of(model, settings, acting, points)
         n_rows = max(min(settings.batch_size, model.n_observations), settings.n_envs)
         hidden, is_relu = settings.policy_kwargs.net_arch, self.is_value  # as in Stable-Baselines3
-        inputs, end = inputs_of(model, observation, kind), 0
+        people = settings.people
+        inputs, end = inputs_of(model, observation, kind, people), 0
+        shared = [people.width] * 2 if people else []
         self.nets: list[Net] = []
         for n in self.outputs:
-            self.nets.append(net_of(inputs, [*hidden, n], end, n_rows, is_relu=is_relu))
-            end = self.nets[-1].end
+            layers = [*shared, *hidden, n]
+            net = net_of(inputs, layers, end, n_rows, is_relu=is_relu, n_shared=len(shared))
+            self.nets.append(net)
+            end = net.end
         (values, gradient, first, second), sums = np.zeros((4, end), kind), np.zeros(256, kind)
         adam = gradient, first, second, sums, np.ones(2), np.zeros(1, np.int64)
         self.parameters = Parameters(values, *adam)

@@ -1,11 +1,13 @@
 """A multilayer perceptron in flat arrays, its gradient by hand, and Adam, in compiled code.
 
+Its first layers may be applied to each person apart: their outputs are added, see `agents.people`.
+
 Agents are trained one after the other, so that the numbers of an agent stay in the caches of a
 core. Rows of weights are padded to a multiple of `LANES` with zeros, which stay zeros since their
 gradients are.
 
-Axis letters: O observations, P parameters with padding, L layers, B rows of a call, W the widest
-layer.
+Axis letters: O observations, P parameters with padding, L layers, B rows of a call, K people in an
+observation (1 without layers for each), W the widest layer.
 """
 
 import math
@@ -17,6 +19,7 @@ import numpy as np
 from agents.compiled import compiled
 from agents.nets.arithmetic import LANES, Kind, Numbers, inlined, like, log, multiply, tanh
 from agents.nets.stepping import draw
+from agents.people import PeopleArguments, people_table
 from envs import Model
 from envs.arrays import Bools, Floats, Indices, Ints, Words
 from envs.observations import ENCODINGS, SPARSE, observation_ones, observation_table
@@ -35,14 +38,17 @@ class Net(NamedTuple):
     biases_at: Ints  # (L,)
     end: int  # the index after its last parameter
     is_relu: bool  # whether each layer but the last is followed by ReLU, else by tanh
+    n_people: int  # K
+    n_shared: int  # how many layers are applied to each person, before their outputs are added
     ones: Indices  # (O, ones) which inputs are 1, in sparse forms; else (O, 0)
-    table: Numbers  # (O, inputs) in other forms; else (O, 0)
+    table: Numbers  # (O, K * inputs) in other forms; else (O, 0)
     n_rows: int  # B
     stride: int  # W
     observed: Indices  # (B,)
-    rows: Numbers  # (B * inputs,)
-    hidden: Numbers  # (L * B * W,) outputs of each layer after activation
-    slopes: Numbers  # (L * B * W,) of the loss by the outputs of each layer before activation
+    rows: Numbers  # (B * K * inputs,)
+    hidden: Numbers  # (L * B * K * W,) outputs of each layer after activation
+    slopes: Numbers  # (L * B * K * W,) of the loss by the outputs of each layer before activation
+    sums: Numbers  # (B * W,) of the outputs for people
     transposed: Numbers  # (W * W,) weights
     zeros: Numbers  # (W,)
 
@@ -88,8 +94,13 @@ def room_for_batch(n_rows: int, n_observations: int) -> Batch:
 Inputs = tuple[int, Indices, Numbers]  # how many, and the fields `ones` and `table` of `Net`
 
 
-def inputs_of(model: Model, observation: str, kind: Kind) -> Inputs:
+def inputs_of(model: Model, observation: str, kind: Kind, people: PeopleArguments | None) -> Inputs:
     """Returns what nets read of a model."""
+    if people:
+        of_people = people_table(model, observation, people).astype(kind)
+        n_inputs = of_people.shape[2]
+        table = of_people.reshape(len(of_people), -1)
+        return n_inputs, np.empty((len(table), 0), np.int32), table
     if ENCODINGS[observation] in SPARSE:
         ones, n_inputs = observation_ones(model, observation)
         return n_inputs, ones.astype(np.int32), np.empty((len(ones), 0), kind)
@@ -98,7 +109,13 @@ def inputs_of(model: Model, observation: str, kind: Kind) -> Inputs:
 
 
 def net_of(
-    inputs: Inputs, n_outputs: Sequence[int], first: int, n_rows: int, *, is_relu: bool
+    inputs: Inputs,
+    n_outputs: Sequence[int],
+    first: int,
+    n_rows: int,
+    *,
+    is_relu: bool,
+    n_shared: int,
 ) -> Net:
     """Returns a net whose parameters begin at the index `first`, for calls with at most B rows."""
     n_inputs, ones, table = inputs
@@ -107,7 +124,8 @@ def net_of(
     sizes = np.array([n_inputs, *width[:-1]]) * width
     biases_at = first + np.cumsum(sizes + width) - width
     stride = int(width.max())
-    n_hidden = width.size * n_rows * stride
+    n_people = table.shape[1] // n_inputs if n_shared else 1
+    n_hidden = width.size * n_rows * n_people * stride
     layers = (
         n_inputs,
         outputs,
@@ -116,10 +134,12 @@ def net_of(
         biases_at,
         int(biases_at[-1] + width[-1]),
         is_relu,
+        n_people,
+        n_shared,
     )
-    rooms = (
-        np.zeros(n, table.dtype) for n in (n_rows * n_inputs, n_hidden, n_hidden, stride**2, stride)
-    )
+    n_read = n_rows * n_people * n_inputs
+    sizes = n_read, n_hidden, n_hidden, n_rows * stride, stride**2, stride
+    rooms = (np.zeros(n, table.dtype) for n in sizes)
     return Net(*layers, ones, table, n_rows, stride, np.zeros(n_rows, np.int32), *rooms)
 
 
@@ -148,8 +168,9 @@ def list_distinct(batch: Batch, n_rows: int) -> int:
 @inlined
 def forward(net: Net, values: Numbers, observed: Indices, n_rows: int) -> int:
     """Computes the outputs for some observations; returns where they begin in `net.hidden`."""
-    hidden, stride, size = net.hidden, net.stride, net.n_rows * net.stride
-    width, n_inputs = net.width[0], net.n_inputs
+    hidden, stride, size = net.hidden, net.stride, net.n_rows * net.n_people * net.stride
+    width, n_inputs, n_read = net.width[0], net.n_inputs, net.table.shape[1]
+    n_here = n_rows * net.n_people
     weights_at, biases_at = net.weights_at[0], net.biases_at[0]
     if net.ones.shape[1] > 0:
         biases = values[biases_at : biases_at + width]
@@ -161,20 +182,42 @@ def forward(net: Net, values: Numbers, observed: Indices, n_rows: int) -> int:
                 _add(total, values[at : at + width])
     else:
         for r in range(n_rows):
-            _copy(net.rows[r * n_inputs : (r + 1) * n_inputs], net.table[observed[r]])
+            _copy(net.rows[r * n_read : (r + 1) * n_read], net.table[observed[r]])
         rows, weights = (net.rows, 0, n_inputs, 1), (values, weights_at, width, 1)
         multiply(
-            (n_rows, width, n_inputs), (values, biases_at), rows, weights, (hidden, 0, stride, 1)
+            (n_here, width, n_inputs), (values, biases_at), rows, weights, (hidden, 0, stride, 1)
         )
     for i in range(1, len(net.width)):
         input_at, output_at = (i - 1) * size, i * size
-        for r in range(n_rows):
+        for r in range(n_here):
             _activate(hidden[input_at + r * stride : input_at + r * stride + width], net.is_relu)
         n_in, width = width, net.width[i]
+        source, source_at = hidden, input_at
+        if i == net.n_shared:
+            n_here, source, source_at = n_rows, net.sums, 0
+            _sum_people(net, input_at, n_rows)
         start, weights = (values, net.biases_at[i]), (values, net.weights_at[i], width, 1)
-        activated, output = (hidden, input_at, stride, 1), (hidden, output_at, stride, 1)
-        multiply((n_rows, width, n_in), start, activated, weights, output)
+        activated, output = (source, source_at, stride, 1), (hidden, output_at, stride, 1)
+        multiply((n_here, width, n_in), start, activated, weights, output)
     return (len(net.width) - 1) * size
+
+
+@inlined
+def _sum_people(net: Net, at: int, n_rows: int) -> None:
+    """Adds the outputs for the people of each observation, which begin at an index of `hidden`."""
+    stride, n_people = net.stride, net.n_people
+    for r in range(n_rows):
+        total = net.sums[r * stride : (r + 1) * stride]
+        _sum_rows(net.hidden, at + r * n_people * stride, stride, n_people, total)
+
+
+@inlined
+def _repeat_for_people(net: Net, at: int, n_rows: int) -> None:
+    """Copies the slopes by a sum to all people in it, from the last: sums are in earlier rows."""
+    stride, slopes = net.stride, net.slopes
+    for r in range(n_rows - 1, -1, -1):
+        person_at, sum_at = at + r * stride, at + r // net.n_people * stride
+        _copy(slopes[person_at : person_at + stride], slopes[sum_at : sum_at + stride])
 
 
 @inlined
@@ -212,26 +255,33 @@ def backward(net: Net, parameters: Parameters, observed: Indices, n_rows: int) -
     """Computes a loss's gradient, after `forward`, from its slopes by the outputs."""
     values, gradient = parameters.values, parameters.gradient
     hidden, slopes, transposed = net.hidden, net.slopes, net.transposed
-    stride, size, zeros = net.stride, net.n_rows * net.stride, (net.zeros, 0)
+    stride, zeros, n_here = net.stride, (net.zeros, 0), n_rows
+    size = net.n_rows * net.n_people * stride
     for i in range(len(net.width) - 1, 0, -1):
         width, n_in, n_out = net.width[i], net.width[i - 1], net.n_outputs[i]
         weights_at, output_at, input_at = net.weights_at[i], i * size, (i - 1) * size
         _sum_rows(
-            slopes, output_at, stride, n_rows, gradient[net.biases_at[i] : net.biases_at[i] + width]
+            slopes, output_at, stride, n_here, gradient[net.biases_at[i] : net.biases_at[i] + width]
         )
-        activated, slope = (hidden, input_at, 1, stride), (slopes, output_at, stride, 1)
-        multiply((n_in, width, n_rows), zeros, activated, slope, (gradient, weights_at, width, 1))
+        source, source_at = hidden, input_at
+        if i == net.n_shared:
+            source, source_at = net.sums, 0
+        activated, slope = (source, source_at, 1, stride), (slopes, output_at, stride, 1)
+        multiply((n_in, width, n_here), zeros, activated, slope, (gradient, weights_at, width, 1))
         for k in range(n_in):
             for j in range(n_out):
                 transposed[j * n_in + k] = values[weights_at + k * width + j]
         weights = (transposed, 0, n_in, 1)
-        multiply((n_rows, n_in, n_out), zeros, slope, weights, (slopes, input_at, stride, 1))
-        for r in range(n_rows):
+        multiply((n_here, n_in, n_out), zeros, slope, weights, (slopes, input_at, stride, 1))
+        if i == net.n_shared:
+            n_here = n_rows * net.n_people
+            _repeat_for_people(net, input_at, n_here)
+        for r in range(n_here):
             at = input_at + r * stride
             _slope_of_activation(slopes[at : at + n_in], hidden[at : at + n_in], net.is_relu)
     width, n_inputs = net.width[0], net.n_inputs
     weights_at, biases_at = net.weights_at[0], net.biases_at[0]
-    _sum_rows(slopes, 0, stride, n_rows, gradient[biases_at : biases_at + width])
+    _sum_rows(slopes, 0, stride, n_here, gradient[biases_at : biases_at + width])
     if net.ones.shape[1] > 0:
         clear(gradient[weights_at:biases_at])
         for r in range(n_rows):
@@ -240,7 +290,7 @@ def backward(net: Net, parameters: Parameters, observed: Indices, n_rows: int) -
                 _add(gradient[at : at + width], slopes[r * stride : r * stride + width])
     else:
         rows, slope = (net.rows, 0, 1, n_inputs), (slopes, 0, stride, 1)
-        multiply((n_inputs, width, n_rows), zeros, rows, slope, (gradient, weights_at, width, 1))
+        multiply((n_inputs, width, n_here), zeros, rows, slope, (gradient, weights_at, width, 1))
 
 
 @inlined

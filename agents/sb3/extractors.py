@@ -6,29 +6,22 @@ The setting `policy_kwargs.features_extractor_class` names one, for example
 Axis letters: B observations of a batch.
 """
 
-import json
 import math
-from collections.abc import Mapping
 
 import torch
 from gymnasium import spaces
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
-from envs import Model
 from envs.inputs import InputError
-from envs.observations import ENCODINGS, NUMBERS
-
-_PEOPLE = ("issuer", "offset", "relative")  # components
 
 
 class PeopleExtractor(BaseFeaturesExtractor):
     """Embeds people by one net, and adds the embeddings (Zaheer et al. 2017, "Deep sets").
 
-    So the order of people does not matter, except who comes first, if that is marked. Observations
-    must hold coordinates of the agent's cell, if it is seen, then of each person, and nothing else:
-    a phase and wrong PINGs would pass for one more person. In training, `check_people` makes sure
-    of this. Its features are the agent's coordinates and the sum.
+    So the order of people does not matter, except who comes first, if that is marked. The net is
+    given coordinates of the agent's cell, if it is seen, with those of each person. In training,
+    `agents.people.check_people` makes sure that observations hold nothing else.
     """
 
     def __init__(
@@ -59,7 +52,7 @@ class PeopleExtractor(BaseFeaturesExtractor):
             found = f"PeopleExtractor: observations of shape {observation_space.shape}"
             numbers = f"{self.n_first} of the agent and per_person = {per_person} of each person"
             raise InputError(f"{found}; accepted: coordinates, {numbers}.")
-        super().__init__(observation_space, self.n_first + width)
+        super().__init__(observation_space, width)
         self.marks: torch.Tensor  # (people, 0 or 1)
         self.register_buffer("marks", torch.eye(n_people)[:, : int(marks_first)], persistent=False)
         layers = (
@@ -71,34 +64,12 @@ class PeopleExtractor(BaseFeaturesExtractor):
         self.net = nn.Sequential(*layers)
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
-        """Returns the features (B, agent's coordinates + width) of observations."""
+        """Returns the features (B, width) of observations."""
         shape = len(observations), len(self.marks), -1  # (B, people, numbers)
         agent, people = observations.tensor_split([self.n_first], dim=1)
         parts = agent[:, None].expand(shape), people.reshape(shape), self.marks.expand(shape)
-        return torch.cat([agent, self.net(torch.cat(parts, dim=2)).sum(dim=1)], dim=1)
-
-
-def check_people(model: Model, observation: str, arguments: Mapping[str, object]) -> None:
-    """Refuses, by an InputError, arguments of `PeopleExtractor` that do not fit observations."""
-    names = [component.name for component in model.components]
-    what = f"PeopleExtractor in {model.scenario.name}: observation {observation}"
-    is_known = names[:-1] in ([], ["agent"]) and names[-1] in _PEOPLE
-    if ENCODINGS[observation] not in NUMBERS or not is_known:
-        accepted = "coordinates, centred or not, of people, or of the agent and people"
-        raise InputError(f"{what} of {', '.join(names)}; accepted: {accepted}.")
-    people = model.components[-1]
-    expected = {
-        "per_person": len(people.per_cell) // people.ones.shape[1],
-        "sees_agent": len(names) > 1,
-    }
-    found = {"per_person": 2, "sees_agent": True} | {**arguments}
-    given, accepted = (
-        ", ".join(f"{key} = {json.dumps(each[key], default=str)}" for key in expected)
-        for each in (found, expected)
-    )
-    if given != accepted:
-        where = "policy_kwargs.features_extractor_kwargs"
-        raise InputError(f"{what}, {where}: {given}; accepted: {accepted}.")
+        features: torch.Tensor = self.net(torch.cat(parts, dim=2)).sum(dim=1)
+        return features
 
 
 class PlanesExtractor(BaseFeaturesExtractor):

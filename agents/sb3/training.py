@@ -24,11 +24,13 @@ from stable_baselines3.common.vec_env import VecEnv
 from torch.optim.optimizer import register_optimizer_step_post_hook
 
 from agents.contract import Fields, Schedule, snapshots
-from agents.sb3.extractors import PeopleExtractor, check_people
+from agents.people import PeopleArguments, check_people
+from agents.sb3.extractors import PeopleExtractor
 from agents.sb3.settings import Sb3Settings
 from agents.sb3.tables import first_line, output_of, policy_table, readable_table
 from agents.sb3.vec_env import SB3VecEnv
 from envs import InputError, Model, Scenario, compile_scenario, load_scenario
+from envs.inputs import parse
 from envs.model import ACTIONS
 from envs.observations import compile_seen, observation_table
 
@@ -136,7 +138,9 @@ def train_agent(
     """Trains an agent of a class, see `agents.contract.SequentialAlgorithm`."""
     policy = settings.arguments.get("policy_kwargs", {})
     if policy.get("features_extractor_class") is PeopleExtractor:
-        check_people(model, observation, policy.get("features_extractor_kwargs", {}))
+        given = policy.get("features_extractor_kwargs", {})
+        where = "policy_kwargs.features_extractor_kwargs"
+        check_people(model, observation, parse(PeopleArguments, given, where))
     with _isolated(seed) as (env_seed, action_seed):
         env = SB3VecEnv(model, observation, settings.n_envs, settings.time_limit)
         env.seed(env_seed)

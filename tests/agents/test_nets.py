@@ -17,22 +17,25 @@ import torch
 from numpy.random import SeedSequence
 from numpy.typing import NDArray
 from scipy.stats import kstest
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
 from agents import Schedule
 from agents.dynamic_programming import evaluate
 from agents.linear.learner import Q_LAMBDA, LinearSettings
 from agents.nets import arithmetic
-from agents.nets.dqn import DqnAgent
+from agents.nets.dqn import DqnAgent, DqnNetSettings
 from agents.nets.learner import NetAlgorithm
-from agents.nets.ppo import PpoAgent
+from agents.nets.ppo import PpoAgent, PpoNetSettings
+from agents.people import PEOPLE_EXTRACTOR
 from agents.policy import mask_policy
 from agents.sb3 import algorithms
-from agents.sb3.settings import DqnSettings, PolicyArguments, PpoSettings
+from agents.sb3.settings import PolicyArguments
 from agents.sb3.training import make_agent
 from agents.sb3.vec_env import SB3VecEnv
 from agents.tabular import learner
 from envs import Model, compile_scenario, load_scenario
 from envs.arrays import Floats, Ints
+from envs.observations import compile_seen
 from tests.agents import MOODS, Changes
 from tests.agents.words import uniform, xoshiro
 from tests.support import ROOT
@@ -57,21 +60,38 @@ NOISY_MOODY = compile_scenario(load_scenario(MOODY.scenario, FEEDBACK))
 ANYWHERE = compile_scenario(
     load_scenario("S1", {"issuer.position": "anywhere", "observe": ["agent", "issuer"]})
 )
-SCENES = {"S1": S1, "moods": MOODY, "noisy moods": NOISY_MOODY, "anywhere": ANYWHERE}
+BADGES = load_scenario(
+    "S1",
+    {
+        "grid": {"rows": 6, "columns": 6, "start": "anywhere"},
+        "issuer.position": "anywhere",
+        "issuer.places": 5,
+        "observe": ["agent", "issuer"],
+        "onlookers": {"people": 2, "ways": 20, "badge": True},
+    },
+)
+SCENES = {
+    "S1": S1,
+    "moods": MOODY,
+    "noisy moods": NOISY_MOODY,
+    "anywhere": ANYWHERE,
+    "badges": compile_scenario(BADGES),
+    "relative badges": compile_seen(BADGES, "relative_centred"),
+}
 AGENTS: Changes = {"compiled_dqn": DqnAgent, "compiled_ppo": PpoAgent}
 SHARED: Changes = {
     "budget": 400, "time_limit": 30, "gamma": 0.875,
     "policy_kwargs": PolicyArguments(net_arch=(24, 16)),
 }  # fmt: skip
 SETTINGS: Changes = {
-    "compiled_dqn": DqnSettings(
+    "compiled_dqn": DqnNetSettings(
         train_freq=2,
         learning_rate=1e-3,
         target_update_interval=50,
         exploration_fraction=0.8,
         **SHARED,
     ),
-    "compiled_ppo": PpoSettings(
+    "compiled_ppo": PpoNetSettings(
         n_envs=2, n_steps=20, batch_size=20, n_epochs=10, gae_lambda=0.75, **SHARED
     ),
 }
@@ -168,7 +188,7 @@ def stock_agent(
     stock: Any = make_agent(method.load(), settings, vec_env)
     stock.policy.double()
     for module in stock.policy.modules():
-        if type(module).__name__ == "FlattenExtractor":
+        if isinstance(module, BaseFeaturesExtractor):
             module.register_forward_pre_hook(lambda _, arguments: (arguments[0].double(),))
     buffer = stock.replay_buffer if name == "compiled_dqn" else stock.rollout_buffer
     reset = buffer.reset
@@ -229,8 +249,22 @@ DQN_CASES: list[tuple[str, Changes]] = [
 ]  # fmt: skip
 
 
+def of_people(**arguments: Any) -> Changes:
+    arguments |= {"per_person": 3}
+    names = "features_extractor_class", "features_extractor_kwargs"
+    return {"policy_kwargs": dict(zip(names, (PEOPLE_EXTRACTOR, arguments), strict=True))}
+
+
+PEOPLE_CASES = [
+    ("coordinates", "badges", of_people(width=24)),
+    ("relative_centred", "relative badges", of_people(marks_first=False, sees_agent=False)),
+]
+
+
 @pytest.mark.filterwarnings("ignore:The number of environments used")
-@pytest.mark.parametrize(("observation", "scene", "changes"), in_turn(*DQN_CASES), ids=str)
+@pytest.mark.parametrize(
+    ("observation", "scene", "changes"), [*in_turn(*DQN_CASES), *PEOPLE_CASES], ids=str
+)
 def test_dqn_is_stable_baselines3s(
     observation: str, scene: str, changes: Changes, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -184,7 +184,7 @@ def test_people_are_embedded_alike_and_added_up(n_first: int) -> None:
         ({}, "relative_centred", {"per_person": 3}, "accepted: per_person = 3, sees_agent = false"),
         ({}, "coordinates", {"per_person": 3, "sees_agent": False}, "accepted: .*agent = true"),
         ({"onlookers.badge": False}, "coordinates", {"per_person": 3}, "accepted: per_person = 2,"),
-        ({}, "factored", {"per_person": 3}, "observation factored of agent, issuer; accepted: coord"),
+        ({}, "factored", {"per_person": 3}, "factored of agent, issuer; accepted: coord"),
         ({"observe": ["agent", "issuer", "wrong_pings"]}, "coordinates", {"per_person": 3},
          "of agent, issuer, wrong_pings; accepted: coordinates"),
     ],
