@@ -36,7 +36,7 @@ def main(options: argparse.Namespace) -> int:
     if (experiment.declared.report or {}).get("kind") != SUITE:
         raise InputError(f'{path}: accepted: an experiment with extends = "{SUITE}".')
     print(_about(experiment))
-    others = {"experiment": str(path), "report": True, "seeds": None, "cluster": None, "log": None}
+    others = {"experiment": str(path), "report": True, "seeds": None, "cluster": None}
     if code := run(Namespace(**vars(options) | others)):
         return code
     folder = options.results / experiment.name

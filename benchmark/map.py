@@ -456,7 +456,7 @@ def ladder(data: Data) -> Figure | None:
         return None
     cells, rungs = data.tables["cells"].set_index(KEYS), declared.rungs
     on_ladder = [key for key in cells.index if key[0] in declared.grids]
-    points = [key[1] for key in on_ladder if key[2] == rungs[0].tiles]
+    points = [*dict.fromkeys(key[1] for key in on_ladder if key[2] == rungs[0].tiles)]
     n_points = Counter(key[2] for key in on_ladder)
     known = {key[1:]: key for key in on_ladder}  # by point and learner
     known |= {(at, key[2]): key for key in on_ladder if n_points[key[2]] == 1 for at in points}

@@ -30,7 +30,7 @@ from envs.packages import missing_package
 SUITE: Final = "suite"  # the experiment whose runs are published
 RELATIVE_TO: Final = "tile_coding, coordinates"
 _NEVER: Final = "#ffffff"  # the colour of a cell in which most runs never learn
-_FASTEST_AND_SLOWEST: Final = (100, 30_000)  # ends of the scale of colours, in steps
+_FASTEST_AND_SLOWEST: Final = (100, 20_000)  # ends of the scale of colours, in steps
 _CHARACTERS: Final = 24  # of a line of a learner's title
 
 

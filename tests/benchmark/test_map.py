@@ -310,6 +310,19 @@ def test_rungs_by_hand(tmp_path: Path) -> None:
     assert 0 < chance["net_unseen_success"] == chance["tiles_new_way_success"] < 0.2
 
 
+def test_nets_that_run_at_some_points_only(tmp_path: Path) -> None:
+    """Tables lack them elsewhere; figures show a learner that runs at one point only at all."""
+    extra = f'[grids.extra]\nlearners = ["{SHARED}"]\naxes.places.2.scenario."issuer.places" = 2\n'
+    places = f'[grids.places]\nlearners = ["{TABLE}"]\n'
+    change = "[grids.places]\n", f"{extra}{places}"
+    data = made(tmp_path, [{7000: 1}], [{900: 1}], change=change)
+    table = data.tables["rungs"]
+    assert table["net"].tolist() == ["none", "none", "DQN", "PPO", "none", ""]
+    for axis in axes_of("ladder", data)[:3]:
+        dots = [line.get_ydata().tolist() for line in axis.lines if line.get_marker() != "None"]
+        assert [dot for dot in dots if dot] == [[900], [7000], [7000]]
+
+
 def test_figures_by_hand(tmp_path: Path) -> None:
     data = made(tmp_path, [{7000: 1}], [NEVER], unseen=(0.75, 0.5))
     axes = axes_of("ladder", data)
