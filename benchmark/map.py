@@ -281,10 +281,8 @@ def rungs(data: Data) -> pd.DataFrame | None:
             sides = {"tiles": tiles, "net": net} if net else {"tiles": tiles}
             for side, learner in sides.items():
                 cell = cells.loc[(*where, learner)]
-                chosen = data.experiment.learners[learner].chosen
                 row |= {"budget": cell["budget"]}
                 row |= {f"{side}_{name}": cell[name] for name in shown}
-                row |= {f"{side}_trials": chosen.trials + 1 if chosen else 1}
             if net:
                 test = decided.loc[(*where, net, tiles)]
                 row |= with_ends("net_wins", ends_of("steps_wins", test))
@@ -586,7 +584,6 @@ COLUMNS: Final = {
     "steps": "steps until a run has learned, or their median; inf if it never does",
     "steps_before": "steps of the evaluation before",
     "tiles_*": "* of tile coding",
-    "trials": "settings that were tried to find those of the learner",
     "untrained": "whether the untrained policy reaches the level",
     "wrong_pings": "wrong PINGs until a run has learned, or their median; inf if it never does",
     "*_verdict": "the verdict on x by *",
