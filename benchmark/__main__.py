@@ -6,7 +6,7 @@ Every command but `list` has a module of its name, whose `main` takes the parsed
 import argparse
 import os
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
@@ -44,7 +44,6 @@ def script() -> int:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command; returns the exit code."""
-    _open_streams()
     if arguments is None:  # nothing else uses this process and its children
         os.environ["MPLBACKEND"] = VARIABLES["MPLBACKEND"]  # a notebook's may not be installed
     try:
@@ -68,24 +67,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    if [] in vars(options).values():  # argparse takes the -- of --save=-- away
-        raise InputError("an option has the value --; accepted: another value.")
     # Imported on demand: --help and mistakes do not wait for what a command needs.
     with contained(), needed_by(f"benchmark {options.command}"):
         if options.command == "list":
             return _list()
         code: int = import_module(f"benchmark.{options.command}").main(options)
         return code
-
-
-def _open_streams() -> None:
-    """Opens closed standard streams, since a file would otherwise get one of their descriptors."""
-    while (descriptor := os.open(os.devnull, os.O_RDWR)) < 3:  # the lowest that is free
-        pass
-    os.close(descriptor)
-    for name in ("stdout", "stderr"):
-        if getattr(sys, name) is None:
-            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: PTH123, SIM115
 
 
 def _silence_output() -> None:
@@ -100,20 +87,17 @@ def _list() -> int:
     from benchmark.experiment import experiment_names, read_experiment
     from envs import load_scenario, scenario_names
 
-    _show("scenarios", scenario_names(), lambda name: load_scenario(name).description)
-    _show("algorithms", ALGORITHMS, lambda name: ALGORITHMS[name])
-    # To load them would import torch and resolve thousands of trials.
-    _show("experiments", experiment_names(), lambda name: read_experiment(name)[0].description)
+    listed = {
+        "scenarios": {name: load_scenario(name).description for name in scenario_names()},
+        "algorithms": ALGORITHMS,
+        # To load them would import torch and resolve thousands of trials.
+        "experiments": {name: read_experiment(name)[0].description for name in experiment_names()},
+    }
+    for title, abouts in listed.items():
+        print(title)
+        for name, about in abouts.items():
+            print(f"  {name:24} {about}")
     return 0
-
-
-def _show(title: str, names: Iterable[str], about: Callable[[str], str]) -> None:
-    print(title)
-    for name in names:
-        try:
-            print(f"  {name:24} {about(name)}")
-        except InputError as error:
-            print(f"  {name:24} not usable: {error}")
 
 
 class _Parser(argparse.ArgumentParser):
@@ -141,7 +125,7 @@ COMMANDS: Final = {
         "experiment? --results=results --seeds --smoke",
     ),
     "verify": (
-        "check published files and stored runs: make the files again, and repeat some runs",
+        "check published files: make them again, and repeat some runs",
         "experiment? --results=results --runs=20 --seed --jobs --smoke",
     ),
     "watch": (
@@ -150,8 +134,8 @@ COMMANDS: Final = {
         "--results=results --save!",
     ),
     "export": (
-        "repeat a run, and write its trained agent to a file",
-        "experiment --results=results --learner! --seed=0 --scenario --condition file",
+        "train a run again, and write its agent to a file",
+        "experiment --learner! --seed=0 --scenario file",
     ),
     "assess": (
         "score an agent exactly",
@@ -174,8 +158,8 @@ _OPTIONS: Final = {
     "--results": ("DIR", "folder of results"),
     "--seeds": (
         "A-B",
-        "seeds, for example 0-29 or 7 (default: as declared; not for searches and maps); reference "
-        "implementations get a proportional share; results are in EXPERIMENT_seeds_A-B",
+        "seeds of every learner, for example 0-29 or 7 (default: as declared; not for searches and "
+        "maps); results are in EXPERIMENT_seeds_A-B",
     ),
     "--jobs": (
         "N",
@@ -189,7 +173,6 @@ _OPTIONS: Final = {
     "--seed": ("N", "seed of the run; in 'verify', of the draw of runs"),
     "--experiment": ("EXPERIMENT", "experiment of the learner; a missing run is trained, stored"),
     "--scenario": ("NAME", "a name or a path"),
-    "--condition": ("NAME", "a condition of the experiment (default: the learner's first)"),
     "--learner": ("NAME", "a variant, or one with its form, as in 'ppo, one_hot'"),
     "--observation": (
         "FORM",

@@ -1,10 +1,8 @@
 """Where jobs run: threads or worker processes, by the algorithm's placement."""
 
-import ctypes
 import multiprocessing
 import os
 import signal
-import sys
 import threading
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import suppress
@@ -16,8 +14,6 @@ from typing import Final, Protocol
 from agents.sb3 import use_same_instructions
 from benchmark.job import Job, execute_job
 from benchmark.store import Record
-
-_PR_SET_PDEATHSIG: Final = 1  # of prctl: send a signal when the parent thread ends
 
 
 def usable_cores() -> int:
@@ -123,9 +119,10 @@ class Processes:
 
 
 def _serve(connection: Connection) -> None:
-    """Executes jobs as they come, until the driver closes its end or ends in whatever way."""
-    if sys.platform == "linux":  # elsewhere, a killed driver's workers end after their job
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    """Executes jobs as they come, until the driver closes its end or ends in whatever way.
+
+    The workers of a killed driver end after their job.
+    """
     use_same_instructions()  # a job that is received may use torch
     with suppress(EOFError, ConnectionError):
         while True:

@@ -19,7 +19,7 @@ from os.path import isfile, join  # which take any text for a path
 from pathlib import Path
 from typing import Annotated, Final, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from agents import Algorithm, LearnerSettings, dynamic_programming, load_algorithm
 from benchmark.specification import DEFAULT_CONDITION as DEFAULT_CONDITION
@@ -44,18 +44,14 @@ from envs.sources import find_modules_in
 EXPERIMENT_DIRECTORY: Final = Path(__file__).parent / "experiments"
 # The experiments whose results are published, in the order of README. .gitignore lists them, too.
 PUBLISHED: Final = ("reproduce", "compare_deep", "when", "suite", "tuning")
-MAX_RUNS: Final = 100_000  # of an experiment: more than a day at a second each
-# Folders of results that are not those of an experiment, or not of its declared seeds
-_RESERVED: Final = "speed|.*_smoke|.*_seeds_.*"
 _MINIATURE: Final = "_smoke"  # how its name ends
-# Which of these tables the studies of this project read
-_VARIATIONS: Final = ("readings", "grids", "search", "solved")
-_READ: Final = {
-    "comparison": (),
-    "replication": ("readings",),
-    "map": ("grids", "solved"),
-    "search": ("search", "solved"),
-    "suite": ("solved",),
+# Tables that studies of this project do not read
+_UNREAD: Final = {
+    "comparison": ("readings", "grids", "search", "solved"),
+    "replication": ("grids", "search", "solved"),
+    "map": ("readings", "search"),
+    "search": ("readings", "grids"),
+    "suite": ("readings", "grids", "search"),
 }
 
 
@@ -74,8 +70,8 @@ class Variant(Table):
     """What readers call it; by default its name."""
     observations: Annotated[Names, Field(min_length=1)]
     """Forms of observation; each makes a learner."""
-    seeds: Count
-    """Runs per scenario and condition. With --seeds, learners get shares in proportion."""
+    seeds: Annotated[int, Field(ge=1, le=10_000)]
+    """Runs per scenario and condition."""
     first_seed: Seed = 0
     """The first seed; the others follow it."""
     policy: Literal["greedy", "stochastic"] = "greedy"
@@ -118,7 +114,7 @@ class Reading(Change):
     """How it answers what the paper leaves open."""
     curve: Literal["visited", "table"] = "visited"
     """The maximum Q that claims are about: of the visited observations, or of the whole table."""
-    seeds: Annotated[int, Field(ge=2, le=100_000)] | None = None
+    seeds: Annotated[int, Field(ge=2, le=10_000)] | None = None
     """Runs per scenario and learner; by default the variant's."""
 
 
@@ -195,6 +191,10 @@ def _merged(tables: Iterable[Mapping[str, object]]) -> dict[str, object]:
     return {key: value for table in tables for key, value in table.items()}
 
 
+def _with_kind(report: object) -> object:
+    return {"kind": report} if isinstance(report, str) else report
+
+
 class Declaration(Table):
     """A declared set of runs: every condition, scenario and learner, each with its seeds."""
 
@@ -202,7 +202,7 @@ class Declaration(Table):
     """The stem of the file."""
     description: Text
     """What the experiment is about, for readers."""
-    report: dict[str, object] | None = None
+    report: Annotated[dict[str, object] | None, BeforeValidator(_with_kind)] = None
     """What is drawn, see below; a text stands for a table with this `kind`. Without it, nothing is
     drawn."""
     note: Text = ""
@@ -233,26 +233,20 @@ class Declaration(Table):
 
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:
-        self._check_tables()
-        self._check_schedules()
-        self._check_variants()
-        self._check_changes()
-        return self
-
-    def _check_tables(self) -> None:
-        given = [name for name in _VARIATIONS if getattr(self, name)]
         kind = str((self.report or {}).get("kind"))
-        read = _READ.get(kind, _VARIATIONS)
-        for name in given:
-            require(name in read, f"{name} in a {kind}", " and ".join(read) or "no such table")
-
-    def _check_schedules(self) -> None:
+        for name in _UNREAD.get(kind, ()):
+            require(not getattr(self, name), f"{name} in a {kind}", "no such table")
         inputs.distinct(self.scenario_names, "scenarios: ")
         every, maps = self.evaluation_every, self.map_every
         if maps is not None:
             found = f"map_every = {maps}"
             require(self.solved is None, found, "no such key, as solved records no values")
             require(maps % every == 0, found, f"a multiple of evaluation_every = {every}")
+        self._check_variants()
+        for condition in [] if self.search else self.conditions:
+            for change in condition.changes:
+                self._check_scenarios(change.scenarios or (), condition.name)
+        return self
 
     def _check_variants(self) -> None:
         efforts = set()
@@ -272,14 +266,6 @@ class Declaration(Table):
                 efforts.add((variant.seeds, len(variant.candidates)))
         accepted = "as many seeds and candidates in each variant of a search"
         require(len(efforts) < 2, "algorithms", accepted)
-
-    def _check_changes(self) -> None:
-        for condition in [] if self.search else self.conditions:
-            for change in condition.changes:
-                self._check_scenarios(change.scenarios or (), condition.name)
-            for kind in ("scenario", "settings"):
-                keys = [key for change in condition.changes for key in getattr(change, kind)]
-                inputs.distinct(tuple(keys), f"{condition.name}: {kind}.")
 
     def _check_scenarios(self, names: Names, where: str) -> None:
         for name in names:
@@ -365,15 +351,14 @@ def _check_apart(own: range, taken: range, where: str) -> None:
 
 
 class Extension(Table):
-    """An experiment that differs from another in some values."""
+    """An experiment that differs from another, which extends none, in some values."""
 
     extends: str
     """A shipped experiment's name, or the path of a TOML file."""
     description: Text
     """What the experiment is about, for readers."""
     changes: dict[str, object]
-    """New values, by dotted key. The base's `note` and `report.question` are dropped, and with a
-    new table `solved` its `map_every`, too."""
+    """New values, by dotted key. The base's `note` and `report.question` are dropped."""
 
 
 def experiment_names() -> list[str]:
@@ -390,11 +375,9 @@ def read_experiment(experiment: str | Path) -> tuple[Declaration, Path]:
     path = _path(experiment)
     inputs.check_file_name(path, "results are")
     is_own = path.resolve().parent != EXPERIMENT_DIRECTORY
-    if is_own and re.fullmatch("|".join([_RESERVED, *experiment_names()]), path.stem):
-        raise InputError(
-            f"{path}: results are named after the file;"
-            " accepted: any name but speed, *_smoke, *_seeds_* and those of shipped experiments."
-        )
+    if is_own and path.stem in experiment_names():
+        accepted = "other names than those of shipped experiments"
+        raise InputError(f"{path}: results are named after the file; accepted: {accepted}.")
     declared = parse(Declaration, _read(path), str(path), name=path.stem)
     scenarios = tuple(_beside(path, name) for name in declared.scenarios)
     return declared.model_copy(update={"scenarios": scenarios}), path
@@ -415,34 +398,26 @@ def _path(experiment: str | Path) -> Path:
     return EXPERIMENT_DIRECTORY / f"{name}.toml"
 
 
-def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, object]:
-    """Reads an experiment's tables; those of an extension are those of its base with changes.
+def _read(path: Path) -> dict[str, object]:
+    """Reads an experiment's tables; those of an extension are those of its base with changes."""
+    data = _tables(path)
+    if "extends" in data:
+        extension = parse(Extension, data, str(path))
+        data = _tables(_path(_beside(path, extension.extends)))
+        # These may be false of this one.
+        described = {"description": extension.description, "note": ""}
+        if isinstance(data.get("report"), dict):
+            described["report.question"] = ""
+        for changes in (described, extension.changes):
+            data = override(data, changes, str(path))
+    return data
 
-    Modules beside the file can be imported from now on.
-    """
+
+def _tables(path: Path) -> dict[str, object]:
+    """Reads the tables of one file; modules beside it can be imported from now on."""
     data = inputs.read_toml(path)
     if path.parent != EXPERIMENT_DIRECTORY:
         find_modules_in(str(path.parent.resolve()))
-    if "extends" in data:
-        extension = parse(Extension, data, str(path))
-        base = _path(_beside(path, extension.extends))
-        if not base.exists() or base in (path, *extended_by):
-            found = json.dumps(extension.extends)
-            raise InputError(
-                f"{path}: extends = {found}: accepted: another experiment that exists."
-            )
-        data = _read(base, (path, *extended_by))
-        # These may be false of this one.
-        texts = ["note", "report.question"] if "report" in data else ["note"]
-        described = dict.fromkeys(texts, "") | {"description": extension.description}
-        if "solved" in extension.changes:
-            data.pop("map_every", None)
-        for changes in (described, extension.changes):
-            data = override(data, changes, str(path))
-    if isinstance(data.get("report"), str):
-        data["report"] = {"kind": data["report"]}
-    elif "search" in data:
-        data.setdefault("report", {"kind": "search"})
     return data
 
 
@@ -515,19 +490,12 @@ class Population:
     learner: Learner
     first: RunSpecification
     seeds: range  # as declared
-    most: int  # seeds of any variant of the experiment under the condition
 
     @property
     def keys(self) -> dict[str, str | int]:
         """The columns that name it in tables."""
         name = self.scenario.name
         return {"scenario": name, **self.condition.keys, "learner": self.learner.name}
-
-    def taken(self, seeds: Sequence[int] | None) -> Sequence[int]:
-        """Returns the declared seeds, or a proportional share of given ones, two or more."""
-        if seeds is None:
-            return self.seeds
-        return seeds[: max(2, len(seeds) * len(self.seeds) // self.most)]
 
     def runs(self, seeds: Iterable[int] | None = None) -> list[RunSpecification]:
         """Lists its runs, with the declared seeds or others."""
@@ -587,8 +555,8 @@ class _Loading:
     path: Path
     scenarios: dict[str, Scenario] = field(default_factory=dict)
     """Without any change, as the file names them."""
-    searched: dict[str, str] = field(default_factory=dict)
-    """What scenarios of searches are, by content."""
+    searched: set[str] = field(default_factory=set)
+    """Contents of the scenarios of searches."""
 
     def experiment(self) -> Experiment:
         """Returns the experiment, or raises an InputError."""
@@ -612,9 +580,6 @@ class _Loading:
             or {each.name, each.variant} & {*condition.learners}
             or not {each.name, each.variant} & named
         ]
-        n_runs = sum(len(population.seeds) for population in populations)
-        if n_runs > MAX_RUNS:
-            raise InputError(f"{path}: {n_runs:,} runs; accepted: at most {MAX_RUNS:,}.")
         scenarios = {scenario.name: scenario for scenario in self.scenarios.values()}
         # A miniature has a file of chosen settings of its own.
         path = path.with_stem(declared.name)
@@ -643,7 +608,7 @@ class _Loading:
         declared, path = read_experiment(_beside(self.path, source or searched))
         if declared.search is None or not source:
             raise InputError(f"{where}: accepted: SEARCH:VARIANT of one with a table [search].")
-        made = read_chosen(path, where)
+        made = read_chosen(path)
         if made.search != digest_of_search(declared):
             raise InputError(f"{where}: {path} has changed since; run it again, with --report.")
         names = {form: f"{searched}, {form}" for form in variant.observations}
@@ -655,9 +620,7 @@ class _Loading:
                 own = variant.numbered(condition.seeds)
                 _check_apart(own, declared.algorithms[searched].numbered(), "seeds")
                 _check_apart(own, declared.search.fresh, "seeds")
-        for scenario in map(load_scenario, declared.scenarios):
-            reason = f"{scenario.name}, a scenario of the search {source}"
-            self.searched[_content(scenario)] = reason
+        self.searched.update(map(_content, map(load_scenario, declared.scenarios)))
         return {form: made.learners[name] for form, name in names.items()}
 
     def changed(self, condition: Condition) -> Iterator[Scenario]:
@@ -666,8 +629,9 @@ class _Loading:
             for name, scenario in self.scenarios.items():
                 changes = condition.scenario(scenario.name)
                 changed = load_scenario(name, changes) if changes else scenario
-                if self.searched and (reason := self.searched.get(_content(changed))):
-                    raise InputError(f"{changed.name} is {reason}; accepted: other scenarios.")
+                if self.searched and _content(changed) in self.searched:
+                    what = f"{changed.name} is a scenario of a search"
+                    raise InputError(f"{what}; accepted: other scenarios.")
                 yield changed
 
     def settings(self, learner: Learner, condition: Condition) -> LearnerSettings:
@@ -676,12 +640,8 @@ class _Loading:
         Of equal keys the later ones count: shared ones, what a search has chosen, its own, those of
         the condition.
         """
-        cls, where = learner.algorithm.settings, f"{self.path}: algorithms.{learner.variant}"
-        search, trial = self.declared.search, int(condition.keys.get("trial", 0))
-        if search and trial > search.trials:
-            where += f".candidates.{trial - search.trials - 1}"
-        else:
-            where += f".settings ({condition.name})" if condition.keys else ".settings"
+        cls = learner.algorithm.settings
+        where = f"{self.path}: algorithms.{learner.variant}.settings ({condition.name})"
         layers = [
             self.declared.settings,
             learner.chosen.settings if learner.chosen else {},
@@ -689,7 +649,10 @@ class _Loading:
             *(change.settings for change in condition.changes),
         ]
         given = override({}, _merged(map(_flat, layers)), where)
-        return parse(cls, _in_miniature(given, cls) if self.declared.is_miniature else given, where)
+        settings = parse(cls, given, where)
+        if self.declared.is_miniature:
+            return parse(cls, given | _in_miniature(given, settings.budget), where)
+        return settings
 
     def population(self, condition: Condition, scenario: Scenario, learner: Learner) -> Population:
         """Returns the runs of a learner in a scenario, which is as it is under the condition."""
@@ -723,8 +686,7 @@ class _Loading:
             seed=seeds[0],
             solved=solved,
         )
-        most = condition.seeds or max(each.seeds for each in declared.algorithms.values())
-        return Population(condition, scenario, learner, first, seeds, most)
+        return Population(condition, scenario, learner, first, seeds)
 
 
 def digest_of_search(search: Declaration) -> str:
@@ -755,16 +717,13 @@ def _flat(table: Mapping[str, object], prefix: str = "") -> dict[str, object]:
     return flat
 
 
-def _in_miniature(settings: dict[str, object], cls: type[LearnerSettings]) -> dict[str, object]:
-    """Returns settings with a small budget, which rollouts and intervals of records divide."""
-    whole = {"budget": cls.model_fields["budget"].default} | settings
-    whole = {key: value for key, value in whole.items() if isinstance(value, int)}
-    if whole.get("budget", 0) < 1:
-        return settings  # which are refused
-    small = {"budget": min(max(whole["budget"] // 25, 1), 1000)}
-    for key in whole.keys() & {"n_steps", "train_freq", "record_every"}:
-        small[key] = math.gcd(whole[key], small["budget"])
-    return settings | dict.fromkeys(whole.keys() & {"n_envs"}, 1) | small
+def _in_miniature(settings: Mapping[str, object], budget: int) -> dict[str, int]:
+    """Returns a small budget, and rollouts and intervals of records that divide it."""
+    small = {"budget": min(max(budget // 25, 1), 1000)} | dict.fromkeys({"n_envs"} & {*settings}, 1)
+    for key in ("n_steps", "train_freq", "record_every"):
+        if isinstance(value := settings.get(key), int):
+            small[key] = math.gcd(value, small["budget"])
+    return small
 
 
 def interleaved(listed: Iterable[Sequence[RunSpecification]]) -> list[RunSpecification]:

@@ -1,7 +1,6 @@
-"""The command `export`: repeats a run and writes its trained agent, for NumPy or Stable-Baselines3.
+"""The command `export`: trains a run again and writes its agent, for NumPy or Stable-Baselines3.
 
-The run is stored, or must equal the stored one. Settings of nets can be written without a run, as
-hyperparameters of RL Baselines3 Zoo.
+Settings of nets can be written without a run, as hyperparameters of RL Baselines3 Zoo.
 """
 
 import argparse
@@ -23,7 +22,6 @@ from benchmark.executors import Processes
 from benchmark.experiment import Experiment, load_experiment
 from benchmark.job import POLICY
 from benchmark.specification import RunSpecification
-from benchmark.store import Record, Store
 from benchmark.style import check_file
 from envs import InputError, load_scenario
 from envs.inputs import unknown_name, whole_number
@@ -35,8 +33,7 @@ _MAX_SEED = 999_999
 def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
     experiment, path = load_experiment(options.experiment), options.file
-    given = options.learner, options.seed, options.scenario, options.condition
-    run, title = find_run(experiment, *given)
+    run, title = find_run(experiment, options.learner, options.seed, options.scenario)
     is_net = isinstance(load_algorithm(run.algorithm), NetAlgorithm | Sb3Algorithm)
     check_file(path, *([".zip", ".yml"] if is_net else []), ".npz")
     if path.suffix.lower() == ".yml":
@@ -46,37 +43,29 @@ def main(options: argparse.Namespace) -> int:
     print(f"training {title} ...", file=sys.stderr)
     made = path.with_name(f".making_{path.name}")
     try:
-        with Store(options.results / "runs.db") as store:
-            _export(run, title, made, store)
+        _export(run, title, made)
         made.replace(path)
     finally:
         made.unlink(missing_ok=True)
-    print(f"{title}: {path} has the trained agent; its run is stored in {options.results}.")
+    print(f"{title}: {path} has the trained agent.")
     return 0
 
 
 def find_run(
-    experiment: Experiment, learner: str, seed: str, scenario: str | None, condition: str | None
+    experiment: Experiment, learner: str, seed: str, scenario: str | None
 ) -> tuple[RunSpecification, str]:
     """Finds a run with any seed of a learner, or of a variant with its first form of observation.
 
-    Returns it and its title.
-
-    By default, the scenario is the experiment's first, and the condition the learner's first.
+    Returns it and its title. The condition is the learner's first, and so is the scenario by
+    default.
     """
     number = whole_number(seed, "--seed", 0, _MAX_SEED)
     alike = [p for p in experiment.populations if learner in (p.learner.name, p.learner.variant)]
     if not alike:
         names = {f'"{population.learner.name}"' for population in experiment.populations}
         unknown_name(experiment.name, "learner", learner, names)
-    first = alike[0]
-    own = [each for each in alike if each.learner.name == first.learner.name]
-    conditions = {each.condition.name: each for each in reversed(own)}
-    if condition is not None and condition not in conditions:
-        where = f"{experiment.name}: {first.learner.name}"
-        unknown_name(where, "condition", condition, conditions)
-    found = conditions.get(condition or "", first)
-    (run,) = found.runs([number])
+    found = alike[0]
+    run = found.first.with_seed(number)
     if scenario is not None:
         stem = Path(scenario).stem
         known = experiment.scenarios.get(stem, scenario)
@@ -98,8 +87,8 @@ def hyperparameters(run: RunSpecification, title: str) -> str:
     return "\n".join([f"# {title}", "default:", *lines, ""])
 
 
-def _export(run: RunSpecification, title: str, path: Path, store: Store) -> None:
-    """Repeats a run and writes its agent; the run is stored, or must equal the stored one."""
+def _export(run: RunSpecification, title: str, path: Path) -> None:
+    """Trains a run and writes its agent."""
     scenario, form = run.drawn_scenario if run.solved else run.scenario, run.observation
     content = json.loads(run.content) | {"scenario": scenario.model_dump(mode="json")}
     about = json.dumps(content | {"digest": run.digest})
@@ -123,26 +112,3 @@ def _export(run: RunSpecification, title: str, path: Path, store: Store) -> None
         tables["stochastic"] = stochastic[-1:].reshape(-1, 5)
         with path.open("wb") as file:
             np.savez(file, about=about, **tables)
-    if run.solved:  # of these, the store has only curves
-        curves = {name: array for name, array in record.arrays.items() if name not in POLICY}
-        record = replace(record, arrays=curves)
-    if run.digest not in store.ended():
-        store.add([record])
-    elif found := difference_of(store.get([run.digest])[0], record):
-        raise InputError(f"{title}: not written, since the repeated run {found}.")
-
-
-def difference_of(before: Record, after: Record) -> str:
-    """Returns what differs between two records of a run, but times; empty if nothing does."""
-    if before.status != after.status:
-        why = f": {after.error}" if after.error else ""
-        return f"was {before.status}, but is {after.status} now{why}"
-    old, new = (
-        {name: (each.dtype, each.shape, each.tobytes()) for name, each in record.arrays.items()}
-        for record in (before, after)
-    )
-    names = sorted(name for name in old.keys() | new.keys() if old.get(name) != new.get(name))
-    if not names:
-        return ""
-    machines = (f"{record.provenance['machine']}" for record in (before, after))
-    return f"differs in {', '.join(names)} (recorded on {', repeated on '.join(machines)})"

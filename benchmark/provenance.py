@@ -15,7 +15,6 @@ import numpy as np
 
 from agents import load_algorithm
 from envs.packages import missing_package
-from envs.sources import digest_when_loaded
 
 _PACKAGES: Final = (
     "gymnasium", "llvmlite", "matplotlib", "numba", "numpy", "pandas", "scipy", "seaborn",
@@ -66,21 +65,10 @@ def versions(algorithm: str) -> dict[str, str]:
 @cache
 def environment(algorithm: str) -> dict[str, str]:
     """Returns what must be the same on all machines that run an algorithm: versions and code."""
-    same = versions(algorithm) | {"project code": digest_of_code()[:_SHOWN]}
-    if ":" in algorithm:
-        digest = digest_when_loaded(algorithm.partition(":")[0])
-        same[f"code of {algorithm}"] = digest[:_SHOWN]
-    return same
-
-
-@cache
-def digest_of_code() -> str:
-    """Returns the digest of this project's sources."""
     digest = hashlib.sha256()
-    for path in sorted(path for name in _FOLDERS for path in (_ROOT / name).rglob("*")):
-        if path.suffix in (".py", ".toml"):
-            digest.update(f"{path.name}\0".encode() + hashlib.sha256(path.read_bytes()).digest())
-    return digest.hexdigest()
+    for path in sorted(path for name in _FOLDERS for path in (_ROOT / name).rglob("*.py")):
+        digest.update(path.read_bytes())
+    return versions(algorithm) | {"project code": digest.hexdigest()[:_SHOWN]}
 
 
 def commit(root: Path) -> str | None:

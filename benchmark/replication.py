@@ -76,7 +76,7 @@ def load(data: Data) -> Mapping[str, Agents]:
         raise InputError(f"{data.experiment.argument}: {what}: run the experiment first.")
     found: dict[str, dict[str, Records]] = {}
     seeds = data.runs.groupby(["reading", "scenario"])["seed"]
-    with Store(data.store, read_only=True) as store:
+    with Store(data.store) as store:
         for each in data.experiment.populations:
             reading, scenario = each.condition.name, each.scenario.name
             runs = each.runs(seeds.get_group((reading, scenario)))

@@ -130,7 +130,7 @@ def main(options: argparse.Namespace) -> int:
 
 def other_seeds(experiment: Experiment, seeds: range | None) -> range | None:
     """Returns the given seeds, or None if they select exactly the declared runs."""
-    is_same = all(each.taken(seeds) == each.seeds for each in experiment.populations)
+    is_same = all(each.seeds == seeds for each in experiment.populations)
     return None if is_same else seeds
 
 

@@ -13,13 +13,12 @@ from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from math import inf
 from pathlib import Path
-from typing import Annotated, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from pydantic import Field
 
 from benchmark.experiment import Experiment, Learner, digest_of_search
 from benchmark.folder import Folder, digests
@@ -38,21 +37,14 @@ _MEASURE: Final = "success averaged over the logarithm of steps"
 _PERMUTATIONS: Final = 10_000
 _KINDS: Final = ["default", "drawn", "candidate"]  # of trials
 _DIGITS: Final = 2  # means that differ less are equal, and the earlier trial counts
+_MARGIN: Final = 0.05  # smaller gains do not matter
 
 
-class Declared(Report):
-    """The table `[report]` of a search."""
-
-    margin: Annotated[float, Field(gt=0, lt=1)] = 0.05
-    """Smaller gains do not matter."""
-
-
-def check(experiment: Experiment, _: Declared) -> None:
+def check(experiment: Experiment, _: Report) -> None:
     """Raises an InputError if there is no search, or if its runs are not measured as it needs."""
     where, given = experiment.argument, experiment.declared
-    for key, value in {"search": given.search, "solved": given.solved}.items():
-        if value is None:
-            raise InputError(f"{where}: [{key}] is missing; this report needs it.")
+    if given.search is None or given.solved is None:
+        raise InputError(f"{where}: [search] or [solved] is missing; this report needs both.")
     for each in experiment.populations:
         budget, every = each.first.settings.budget, each.first.evaluation_every
         if budget <= every:
@@ -196,7 +188,7 @@ def trials_table(data: Data) -> pd.DataFrame:
 
 def chosen(data: Data) -> pd.DataFrame:
     """The chosen settings of each learner, and what fresh runs with them reach."""
-    margin, search = data.declared.margin, search_of(data.experiment)
+    search = search_of(data.experiment)
     n_finalists, rows = search.finalists * len(found(data)), list[dict[str, Any]]()
     runs = measured(data.experiment, data.curves)
     rises = runs[runs["seed"].isin(search.fresh)].groupby(["learner", "trial"])["rise"].mean()
@@ -215,7 +207,7 @@ def chosen(data: Data) -> pd.DataFrame:
         cost = round(own["cpu_time_s"].sum(), 3)
         rows.append(row | {"steps": own["budget"].sum(), "cpu_time_s": cost})
     table = pd.DataFrame(rows)
-    is_gain = (table[["gain", "rise"]].min(axis=1) >= margin) & (table["p"] <= ALPHA)
+    is_gain = (table[["gain", "rise"]].min(axis=1) >= _MARGIN) & (table["p"] <= ALPHA)
     return table.assign(verdict=np.where(is_gain, "gain", "no gain shown"))
 
 
@@ -417,7 +409,7 @@ Trial 0 has the declared settings, {search.trials} trials are points of a Sobol 
 each scenario: {variant.seeds}. The best {search.finalists} and trial 0 ran again with
 {search.seeds} fresh seeds. The best of these is chosen, so its mean and gain are biased upwards.
 For that, p-values are multiplied by the number of all finalists. A gain is shown if p is at most
-0.05, and the gain and the rise of success in training are at least {data.declared.margin:g}.
+0.05, and the gain and the rise of success in training are at least {_MARGIN:g}.
 P-values are those of permutations of runs within scenarios. Intervals are Student's, of means over
 scenarios by seed.
 

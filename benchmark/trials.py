@@ -13,8 +13,7 @@ from typing import Annotated, Final, Literal, Self
 import numpy as np
 from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
-from benchmark.folder import sealed, unsealed
-from envs import InputError
+from benchmark.folder import damaged, sealed, unsealed
 from envs.inputs import Count, Table, distinct, require
 
 Seed = Annotated[int, Field(ge=0, le=900_000)]
@@ -157,17 +156,13 @@ def write_choices(path: Path, choices: Choices) -> None:
     chosen_file(path).write_text(sealed(choices.model_dump(mode="json"), 1))
 
 
-def read_chosen(path: Path, source: str) -> Choices:
+def read_chosen(path: Path) -> Choices:
     """Reads what the search in an experiment's file has chosen.
 
-    Refuses by an InputError, which begins with the source, a missing, damaged or changed file.
+    An InputError refuses a missing, damaged or changed file.
     """
     file = chosen_file(path)
-    try:
-        content = b"" if file.is_fifo() else file.read_bytes()
+    with damaged(file):
+        content = file.read_bytes()
         unsealed(content)
         return Choices.model_validate_json(content)
-    except (OSError, ValueError, TypeError, RecursionError) as error:
-        what = "is missing" if isinstance(error, FileNotFoundError) else "is damaged"
-        again = f"python -m benchmark run {path} --report makes it anew"
-        raise InputError(f"{source}: {file.name} {what}; {again}.") from error

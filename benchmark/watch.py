@@ -18,7 +18,7 @@ from matplotlib.colors import Normalize
 from numpy.typing import NDArray
 
 from agents.policy import contains
-from benchmark.experiment import DEFAULT_CONDITION, load_experiment
+from benchmark.experiment import load_experiment
 from benchmark.export import find_run
 from benchmark.records import Records, load_records
 from benchmark.run import execute, pending
@@ -53,10 +53,8 @@ def main(options: argparse.Namespace) -> int:
         accepted = "an experiment without grids, search or solved"
         raise InputError(f"{experiment.name}: its runs cannot be watched; accepted: {accepted}.")
     learner = ", ".join(filter(None, [options.learner, options.observation]))
-    given = learner, options.seed, options.scenario, DEFAULT_CONDITION
-    watched, title = find_run(experiment, *given)
+    watched, title = find_run(experiment, learner, options.seed, options.scenario)
     with Store(options.results / "runs.db") as store:
-        store.discard_damaged([watched.digest])
         if pending([watched], store):
             print(f"training {title} ...", file=sys.stderr)
             if errors := execute([watched], store, jobs=1):

@@ -137,7 +137,7 @@ def test_runs_are_the_same_as_here_even_if_a_worker_is_killed(
     assert main(["run", str(mixed), "--results", str(tmp_path), "--cluster", pair.address]) == 0
     assert killed.wait(PATIENCE_S) == -signal.SIGKILL
     assert f"{len(expected)} runs done, 0 were done already" in capsys.readouterr().out
-    with Store(tmp_path / "runs.db", read_only=True) as store:
+    with Store(tmp_path / "runs.db") as store:
         assert len(store.statuses()) == len(expected)
         records = store.get([record.digest for record in expected])
         assert arrays_of(records) == arrays_of(expected)
@@ -149,28 +149,22 @@ def test_runs_are_the_same_as_here_even_if_a_worker_is_killed(
 
 
 @pytest.mark.slow
-def test_workers_that_differ_are_refused(
-    pair: Machines, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_workers_that_differ_are_refused(pair: Machines, tmp_path: Path) -> None:
     (experiment := tmp_path / "mine.toml").write_text(SLOW_EXPERIMENT, encoding="utf-8")
     (job, *_) = plan(all_specifications(load_experiment(experiment)))
     pair.addresses("a", "b")
-    executor = Cluster(pair.address, {job[0].algorithm})
+    executor = Cluster(pair.address)
     other = pair.add("package", OTHER_NUMPY)
     try:
         address = pair.addresses("a", "b", "package")["package"]
         refused = f"worker {address} has numpy 0.1, but here it is {version('numpy')}"
 
-        def has_had_a_job() -> bool:  # it joined later, so it is its jobs that fail
+        def has_had_a_job() -> bool:
             errors = [executor.submit(job).exception(PATIENCE_S) for _ in range(4)]
             assert all(error is None or str(error).startswith(refused) for error in errors)
             return any(errors)
 
         until(has_had_a_job)
-        # Now it is there at the start.
-        command = ["run", str(experiment), "--results", str(tmp_path)]
-        assert main([*command, "--cluster", pair.address]) == 2
-        assert refused in capsys.readouterr().err
     finally:
         executor.cancel()
         other.terminate()

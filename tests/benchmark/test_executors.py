@@ -4,13 +4,10 @@ import multiprocessing
 import os
 import threading
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import llvmlite.binding
 import pytest
 
-from benchmark.cluster import refusal
 from benchmark.executors import Threads
 from benchmark.experiment import load_experiment
 from benchmark.run import execute, pending
@@ -71,6 +68,3 @@ def test_workers_alone_set_what_agents_of_sb3_depend_on(
     with Store(tmp_path / "runs.db") as store:
         assert execute([asked], store, 1) == ["ValueError: ['AVX2', 'avx2']"]
     assert "MKL_CBWR" not in os.environ
-    worker: Any = SimpleNamespace(address="", state=SimpleNamespace(nthreads=1))
-    assert refusal({}, worker, ()) is None
-    assert os.environ["MKL_CBWR"] == "AVX2"

@@ -275,23 +275,6 @@ def test_experiments_of_one_stream_share_runs(tmp_path: Path) -> None:
     assert digests[0].isdisjoint(digests[2])
 
 
-@pytest.mark.parametrize(("given", "of_30", "of_5"), [(1, 1, 1), (35, 10, 2), (100, 30, 5)])
-def test_learners_have_shares_of_given_seeds_or_two(
-    given: int, of_30: int, of_5: int, tmp_path: Path
-) -> None:
-    counts = {"most": 100, "some": 30, "few": 5}
-    variants = {name: variant(seeds=n, title=name) for name, n in counts.items()}
-    experiment = made(tmp_path / "mine.toml", small_experiment(algorithms=variants))
-    seeds: dict[str, set[int]] = {}
-    for run in all_specifications(experiment, range(given)):
-        seeds.setdefault(run.variant, set()).add(run.seed)
-    assert {name: len(own) for name, own in seeds.items()} == {
-        "most": given,
-        "some": of_30,
-        "few": of_5,
-    }
-
-
 def test_first_runs_are_of_all_populations(tmp_path: Path) -> None:
     experiment = made(tmp_path / "mine.toml", SMALL + GRIDS)
     firsts = [population.first.population for population in experiment.populations]
@@ -333,8 +316,8 @@ def test_runs_have_the_pick_for_their_observation(chosen: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "reason"),
     [
-        ('"S1"', '"FarCorner"', "FarCorner is FarCorner, a scenario of the search"),
-        ('"S1"', '"Mine.toml"', "Mine is FarCorner, a scenario of the search"),
+        ('"S1"', '"FarCorner"', "FarCorner is a scenario of a search"),
+        ('"S1"', '"Mine.toml"', "Mine is a scenario of a search"),
         ("first_seed = 100", "first_seed = 1", "uses the seeds 0 to 1: accepted: .* than 1 to 2"),
         ("first_seed = 100", "first_seed = 12", "the seeds 10 to 12: accepted: .* than 12 to 13"),
         ("toml:q", "toml:dqn", "unknown learner of the search dqn, index"),
@@ -378,7 +361,6 @@ MISTAKES = [
     ("reproduce", '"Q-learning table"', '"P\\nPO"', "accepted: text in one line"),
     ("reproduce", '["index"]', '["one_hot"]', "unknown observation for q_learning one_hot"),
     ("reproduce", "discount =", "discont =", "unknown key discont (did you mean discount?)"),
-    ("reproduce", "seeds = 100 ", "seeds = 99_999 ", "accepted: at most 100,000"),
 ]  # fmt: skip
 
 
@@ -396,8 +378,7 @@ FOUND = "search = { trials = 4, first_seed = 10 }"
 UNUSED = [
     ("", LAST, GRID.replace("limit.5", "limit.large"), 'large.[key] = "large": accepted: a number'),
     ("", LAST, f"{GRID}learners = ['tables']", "unknown learner tables (did you mean table"),
-    ("", LAST, f"{GRID}settings.time_limit = 9", "settings.time_limit is named twice"),
-    ("", LAST, f'{LAST}{READINGS}[report]\nkind = "map"', "readings in a map: accepted: grids"),
+    ("", LAST, f'{LAST}{READINGS}[report]\nkind = "map"', "readings in a map: accepted: no such"),
     ("", MAPS, f"{MAPS}\nsolved = {{}}", "map_every = 200: accepted: no such key"),
     ("", MAPS, 'report = "comparison"\nsolved = {}', "solved in a comparison: accepted: no"),
     ("", MAPS, FOUND, "table.search: accepted: in each variant, together"),
@@ -409,8 +390,8 @@ UNUSED = [
     ("search", "{ learning_rate = {", "{ budget = {", "a search of budget: accepted: other"),
     ("search", LAST, f"{LAST}scenarios = ['FarCornr']\n", "FarCornr (did you mean FarCorner?): a"),
     ("search", "discount = 0.7", "budget = 100", "a search of budget: accepted: other settings"),
-    ("search", "discount = 0.7", "discount = 7", "q.candidates.0: discount = 7: input should be"),
-    ("search", "discount = 0.7", "discont = 0.7", "candidates.0: unknown key discont (did you"),
+    ("search", "discount = 0.7", "discount = 7", "settings (trial 5): discount = 7: input should"),
+    ("search", "discount = 0.7", "discont = 0.7", "(trial 5): unknown key discont (did you"),
     ("search", '[algorithms.q]', OTHER, "algorithms: accepted: as many seeds and candidates in"),
 ]  # fmt: skip
 
@@ -435,7 +416,7 @@ def test_what_is_no_name_is_refused_in_a_sentence(tmp_path: Path, table: str, na
         read_experiment(tmp_path / "mine.toml")
 
 
-@pytest.mark.parametrize("stem", ["a.b", "2024", "reproduce", "speed", "a_smoke", "a_seeds_0-9"])
+@pytest.mark.parametrize("stem", ["a.b", "2024", "reproduce"])
 def test_results_have_no_folder_of_others(tmp_path: Path, stem: str) -> None:
     with pytest.raises(InputError, match="results are named after the"):
         extended(tmp_path / f"{stem}.toml")
@@ -461,8 +442,6 @@ def test_a_miniature_hides_no_mistake(tmp_path: Path, budget: str) -> None:
         load_experiment(path, smoke=True)
 
 
-def test_experiments_that_extend_themselves_are_refused(tmp_path: Path) -> None:
-    text = 'extends = "first.toml"\ndescription = ""\nchanges = {}\n'
-    (tmp_path / "second.toml").write_text(text)
-    with pytest.raises(InputError, match=r"extends = .*first\.toml\": accepted: another"):
-        extended(tmp_path / "first.toml", base="second.toml")
+def test_an_extension_extends_no_extension(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"first\.toml: unknown key extends"):
+        extended(tmp_path / "first.toml", base="first.toml")

@@ -54,7 +54,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def records(made: Path) -> Records:
     """The stored runs of the table in S1."""
     population = load_experiment(made.parent / "mine.toml").populations[0]
-    with Store(made.parent / "runs.db", read_only=True) as store:
+    with Store(made.parent / "runs.db") as store:
         return load_records(population.runs(), store)
 
 

@@ -7,30 +7,13 @@ import pytest
 
 from benchmark import provenance
 from benchmark.experiment import load_experiment
-from benchmark.provenance import commit, environment, peak_memory_mb, reset_peak_memory
+from benchmark.provenance import commit, peak_memory_mb, reset_peak_memory
 from benchmark.run import execute
 from benchmark.store import Store
 from envs import InputError
-from envs.sources import digest_when_loaded
 from tests.support import ROOT, specifications
 
 COMPARED = load_experiment("compare_deep", smoke=True)
-
-
-def test_environment_has_the_code_of_algorithms_from_elsewhere(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.syspath_prepend(tmp_path)
-    file = tmp_path / "from_elsewhere.py"
-    file.write_text("from agents.tabular.learner import Q_LEARNING\n")
-    before = environment("from_elsewhere:Q_LEARNING")
-    file.write_text("from agents.tabular.learner import Q_LEARNING\nCHANGED = 1\n")
-    environment.cache_clear()
-    digest_when_loaded.cache_clear()
-    after = environment("from_elsewhere:Q_LEARNING")
-    own = ["code of from_elsewhere:Q_LEARNING"]
-    assert [key for key in after if after[key] != before[key]] == own
-    assert [*after.keys() - environment("q_learning").keys()] == own
 
 
 def test_missing_packages_are_refused_before_any_work(

@@ -11,7 +11,7 @@ import pytest
 from benchmark import search
 from benchmark.__main__ import main
 from benchmark.experiment import Experiment, load_experiment
-from benchmark.study import Data
+from benchmark.study import Data, Report
 from benchmark.tables import read
 from benchmark.trials import read_chosen
 from envs import InputError
@@ -81,7 +81,7 @@ def data_of(experiment: Experiment, first: Means, fresh: Means) -> Data:
     runs = pd.DataFrame(rows).assign(budget=400, cpu_time_s=0.5)
     curves = runs.loc[runs.index.repeat(len(STEPS))].assign(step=STEPS * len(runs))
     curves["success"] *= np.sign(curves["step"])  # 0 before training
-    return Data(experiment, search.Declared(kind="search"), runs, curves)
+    return Data(experiment, Report(kind="search"), runs, curves)
 
 
 def drawn(data: Data) -> Data:
@@ -276,7 +276,7 @@ def test_of_runs_that_are_given_up_nothing_is_claimed(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
-        ("solved = {", "#", r"\[solved\] is missing; this report needs it"),
+        ("solved = {", "#", r"\[solved\] is missing; this report needs both"),
         ("budget = 400", "budget = 100", "budget = 100: accepted: more than evaluation_every"),
     ],
 )
@@ -285,7 +285,7 @@ def test_what_cannot_be_measured_is_refused(
 ) -> None:
     experiment = experiment_of(tmp_path, SIZE, (old, new))
     with pytest.raises(InputError, match=rf"mine\.toml: .*{expected}"):
-        search.check(experiment, search.Declared(kind="search"))
+        search.check(experiment, Report(kind="search"))
 
 
 # From runs
@@ -298,7 +298,7 @@ def test_a_search_is_run_and_its_choice_used(tmp_path: Path) -> None:
     assert main(["run", *command, "--jobs", "1", "--report"]) == 0
     runs, curves = read(folder)
     assert {*runs["seed"]} == {0, 1, 10, 11, 12}
-    chosen = read_chosen(experiment.path, "here").learners
+    chosen = read_chosen(experiment.path).learners
     table = pd.read_csv(folder / "chosen.csv").set_index("learner")
     keys = ["learner", "trial", "step"]
     means = curves[curves["seed"] >= 10].groupby(keys)["success"].mean()
