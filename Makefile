@@ -19,8 +19,8 @@ DEEP ?= $(VENV)/.deep
 DEV ?= $(VENV)/.dev
 
 # SMOKE=1 runs a miniature, EXPERIMENT_smoke, to check that everything works; its numbers mean nothing.
-# SEEDS=2 runs seeds 0 and 1 of every variant, and draws them in a folder of their own, EXPERIMENT_seeds_0-1. By default
-# each variant has the seeds that its experiment declares.
+# SEEDS=5 runs seeds 0 to 4 of every variant, fewer of those with fewer runs, and draws them in a folder of their own,
+# EXPERIMENT_seeds_0-4. By default each variant has the seeds that its experiment declares.
 RUN = $(PY) -m benchmark run --results $(RESULTS) --report $(if $(SMOKE),--smoke) $(if $(SEEDS),$(if $(shell echo '$(SEEDS)' | \
 	grep -xE '[1-9][0-9]*'),--seeds 0-$(shell expr $(SEEDS) - 1),$(error SEEDS=$(SEEDS): accepted: a whole number, 2 or more)))
 
@@ -37,7 +37,7 @@ reproduce: $(BASE) ## the paper's figure, claims and tables, in results/reproduc
 tune: $(DEEP) ## search for the settings of every learner, in results/tuning/ (an hour and a half)
 	$(RUN) $(or $(EXPERIMENT),tuning)
 
-compare-deep: $(DEEP) ## tables, tile coding, DQN and PPO, in results/compare_deep/ (half an hour; SEEDS=2: 4 minutes, 2 seeds each, in compare_deep_seeds_0-1)
+compare-deep: $(DEEP) ## tables, tile coding, DQN and PPO, in results/compare_deep/ (half an hour; SEEDS=5: 4 minutes, 5 seeds each, in compare_deep_seeds_0-4)
 	$(RUN) $(or $(EXPERIMENT),compare_deep)
 
 when: $(DEEP) ## what one must know for tile coding to do: the ladder, in results/when/ (two and a half hours)

@@ -44,6 +44,7 @@ def script() -> int:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command; returns the exit code."""
+    _open_streams()
     if arguments is None:  # nothing else uses this process and its children
         os.environ["MPLBACKEND"] = VARIABLES["MPLBACKEND"]  # a notebook's may not be installed
     try:
@@ -73,6 +74,16 @@ def _run(options: argparse.Namespace) -> int:
             return _list()
         code: int = import_module(f"benchmark.{options.command}").main(options)
         return code
+
+
+def _open_streams() -> None:
+    """Opens closed standard streams, since a file would otherwise get one of their descriptors."""
+    while (descriptor := os.open(os.devnull, os.O_RDWR)) < 3:  # the lowest that is free
+        pass
+    os.close(descriptor)
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: PTH123, SIM115
 
 
 def _silence_output() -> None:
@@ -158,8 +169,8 @@ _OPTIONS: Final = {
     "--results": ("DIR", "folder of results"),
     "--seeds": (
         "A-B",
-        "seeds of every learner, for example 0-29 or 7 (default: as declared; not for searches and "
-        "maps); results are in EXPERIMENT_seeds_A-B",
+        "seeds, for example 0-29 or 7 (default: as declared; not for searches and maps); learners "
+        "with fewer runs get a proportional share; results are in EXPERIMENT_seeds_A-B",
     ),
     "--jobs": (
         "N",

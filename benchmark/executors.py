@@ -1,8 +1,10 @@
 """Where jobs run: threads or worker processes, by the algorithm's placement."""
 
+import ctypes
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import suppress
@@ -14,6 +16,8 @@ from typing import Final, Protocol
 from agents.sb3 import use_same_instructions
 from benchmark.job import Job, execute_job
 from benchmark.store import Record
+
+_PR_SET_PDEATHSIG: Final = 1  # of prctl: send a signal when the parent thread ends
 
 
 def usable_cores() -> int:
@@ -119,10 +123,9 @@ class Processes:
 
 
 def _serve(connection: Connection) -> None:
-    """Executes jobs as they come, until the driver closes its end or ends in whatever way.
-
-    The workers of a killed driver end after their job.
-    """
+    """Executes jobs as they come, until the driver closes its end or ends in whatever way."""
+    if sys.platform == "linux":  # elsewhere, a killed driver's workers end after their job
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     use_same_instructions()  # a job that is received may use torch
     with suppress(EOFError, ConnectionError):
         while True:

@@ -45,6 +45,8 @@ EXPERIMENT_DIRECTORY: Final = Path(__file__).parent / "experiments"
 # The experiments whose results are published, in the order of README. .gitignore lists them, too.
 PUBLISHED: Final = ("reproduce", "compare_deep", "when", "suite", "tuning")
 _MINIATURE: Final = "_smoke"  # how its name ends
+# Folders of results that are not those of an experiment, or not of its declared seeds
+_RESERVED: Final = "speed|.*_smoke|.*_seeds_.*"
 # Tables that studies of this project do not read
 _UNREAD: Final = {
     "comparison": ("readings", "grids", "search", "solved"),
@@ -71,7 +73,7 @@ class Variant(Table):
     observations: Annotated[Names, Field(min_length=1)]
     """Forms of observation; each makes a learner."""
     seeds: Annotated[int, Field(ge=1, le=10_000)]
-    """Runs per scenario and condition."""
+    """Runs per scenario and condition. With --seeds, learners get shares in proportion."""
     first_seed: Seed = 0
     """The first seed; the others follow it."""
     policy: Literal["greedy", "stochastic"] = "greedy"
@@ -375,8 +377,8 @@ def read_experiment(experiment: str | Path) -> tuple[Declaration, Path]:
     path = _path(experiment)
     inputs.check_file_name(path, "results are")
     is_own = path.resolve().parent != EXPERIMENT_DIRECTORY
-    if is_own and path.stem in experiment_names():
-        accepted = "other names than those of shipped experiments"
+    if is_own and re.fullmatch("|".join([_RESERVED, *experiment_names()]), path.stem):
+        accepted = "any name but speed, *_smoke, *_seeds_* and those of shipped experiments"
         raise InputError(f"{path}: results are named after the file; accepted: {accepted}.")
     declared = parse(Declaration, _read(path), str(path), name=path.stem)
     scenarios = tuple(_beside(path, name) for name in declared.scenarios)
@@ -490,12 +492,19 @@ class Population:
     learner: Learner
     first: RunSpecification
     seeds: range  # as declared
+    most: int  # seeds of any variant of the experiment under the condition
 
     @property
     def keys(self) -> dict[str, str | int]:
         """The columns that name it in tables."""
         name = self.scenario.name
         return {"scenario": name, **self.condition.keys, "learner": self.learner.name}
+
+    def taken(self, seeds: Sequence[int] | None) -> Sequence[int]:
+        """Returns the declared seeds, or a proportional share of given ones, two or more."""
+        if seeds is None:
+            return self.seeds
+        return seeds[: max(2, len(seeds) * len(self.seeds) // self.most)]
 
     def runs(self, seeds: Iterable[int] | None = None) -> list[RunSpecification]:
         """Lists its runs, with the declared seeds or others."""
@@ -686,7 +695,8 @@ class _Loading:
             seed=seeds[0],
             solved=solved,
         )
-        return Population(condition, scenario, learner, first, seeds)
+        most = condition.seeds or max(each.seeds for each in declared.algorithms.values())
+        return Population(condition, scenario, learner, first, seeds, most)
 
 
 def digest_of_search(search: Declaration) -> str:

@@ -101,7 +101,7 @@ and PPO of [Stable-Baselines3](https://stable-baselines3.readthedocs.io) (SB3), 
 
 ```sh
 make reproduce            # the paper's figure and claims, in results/reproduce/ (2 minutes)
-make compare-deep SEEDS=2 # the learners below, in results/compare_deep_seeds_0-1/ (4 minutes)
+make compare-deep SEEDS=5 # the learners below, in results/compare_deep_seeds_0-4/ (4 minutes)
 make test                 # the quick tests (4 minutes)
 ```
 

@@ -55,7 +55,7 @@ def main(options: argparse.Namespace) -> int:
 def stages(experiment: Experiment, store: Store, seeds: range | None) -> Iterator[list[Group]]:
     """Yields the runs of each stage, of which a search has two; those before must be stored."""
     if experiment.declared.search is None:
-        yield [Group(each, each.runs(seeds)) for each in experiment.populations]
+        yield [Group(each, each.runs(each.taken(seeds))) for each in experiment.populations]
     elif seeds is None:
         yield from import_module("benchmark.search").stages(experiment, store)
     else:
@@ -64,31 +64,45 @@ def stages(experiment: Experiment, store: Store, seeds: range | None) -> Iterato
 
 def _train(name: str, runs: list[RunSpecification], store: Store, options: Any) -> int:
     """Trains missing runs when no other command trains; returns the exit code."""
+    if n_damaged := store.discard_damaged(run.digest for run in runs):
+        print(f"{name}: repeating runs whose records are damaged: {n_damaged}.", file=sys.stderr)
     with ExitStack() as stack:
-        stack.enter_context(store.alone())
-        todo = pending(runs, store)
+        if pending(runs, store):
+            stack.enter_context(store.alone())
+        todo = pending(runs, store)  # another command may have trained some meanwhile
         n_done = len(runs) - len(todo)
         if not todo:
             print(f"{name}: all {n_done:,} runs are done already.")
             return 0
-        n_jobs, cluster = parse_jobs(options.jobs), None
-        if options.cluster is not None:
-            with needed_by("--cluster"):
-                from benchmark.cluster import Cluster
-            cluster = Cluster(options.cluster)
-            stack.callback(cluster.cancel)
-            if options.jobs is None:
-                n_jobs = 2 * cluster.workers  # so that a worker finds its next job waiting
-        display = Display(name, plan(todo), n_done, options.results / Path(options.experiment).stem)
-        what = f"{len(todo):,} runs to train (Ctrl-C keeps what is finished)"
-        print(f"{name}: {what}.", file=sys.stderr)
+        n_jobs, n_workers, cluster = _workers(options, stack)
+        jobs, published = plan(todo), options.results / Path(options.experiment).stem
+        display = Display(name, jobs, n_done, published, n_workers)
+        stack.callback(display.close)
+        what = f"{len(todo):,} runs to train, {display.forecast()}"
+        print(f"{name}: {what} (Ctrl-C keeps what is finished).", file=sys.stderr)
         errors = execute(todo, store, n_jobs, display.advance, cluster)
     if errors:
         failed = f"{len(errors)} runs failed; the same command tries them again"
         print(f"error: {failed}. First error: {errors[0]}", file=sys.stderr)
         return 1
-    print(f"{name}: {len(todo)} runs done, {n_done} were done already.")
+    statuses = store.statuses()
+    n_diverged = [statuses[run.digest] for run in todo].count("diverged")
+    which = f", {n_diverged} of them diverged" if n_diverged else ""
+    print(f"{name}: {len(todo)} runs done{which}, {n_done} were done already.")
     return 0
+
+
+def _workers(options: Any, stack: ExitStack) -> tuple[int, int, Executor | None]:
+    """Returns how many jobs to submit at a time, how many run, and the cluster, if there is one."""
+    jobs = parse_jobs(options.jobs)
+    if options.cluster is None:
+        return jobs, min(jobs, usable_cores()), None
+    with needed_by("--cluster"):
+        from benchmark.cluster import Cluster
+    cluster = Cluster(options.cluster)
+    stack.callback(cluster.cancel)
+    # A worker finds its next job waiting.
+    return jobs if options.jobs else 2 * cluster.workers, cluster.workers, cluster
 
 
 def parse_jobs(jobs: str | None) -> int:

@@ -1,13 +1,13 @@
 """The only module that knows how records are stored: in one SQLite file, `runs.db`.
 
 Only the driver writes, with one transaction per job, so that an interrupt or a crash leaves only
-whole records. Checksums are verified whenever a record is read: a damaged one is removed.
+whole records. Checksums are verified whenever a record is read: a damaged one is never used.
 """
 
 import json
 import sqlite3
 import zlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -49,10 +49,14 @@ WITH new ({_COLUMNS}, arrays) AS (VALUES (?, ?, ?, ?, ?, ?, ?, ?)) SELECT * FROM
 WHERE status != 'failed'
 OR NOT EXISTS (SELECT 1 FROM runs WHERE digest = new.digest AND status != 'failed')
 """
-_MOVE: Final = "move it away, or choose another folder with --results"
-_ADVICE: Final = f"if its folder is writable and has free space, {_MOVE}"
+MOVE: Final = "move it away, or choose another folder with --results"
+_CHECK: Final = "check that its folder is writable and has free space, and try again"
 Arrays = Mapping[str, NDArray[Any]]
 Provenance = Mapping[str, Any]  # a record's versions, commit, machine and times
+
+
+class DamagedError(InputError):
+    """A file is damaged, or is not a store of this version."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,31 +89,45 @@ def evaluated(name: str, policy: str) -> str:
 class Store:
     """An open `runs.db`, used as a context manager."""
 
-    def __init__(self, path: Path) -> None:
-        """Opens the file, or creates it; raises an InputError if it is damaged or unusable."""
+    def __init__(self, path: Path, *, read_only: bool = False) -> None:
+        """Opens the file; creates it if it is missing and may be written.
+
+        Raises a DamagedError if it is damaged, or another InputError if it cannot be opened.
+        """
         self._path = path
+        # SQLite leaves an empty file if it is killed early.
+        if read_only and not (path.exists() and path.stat().st_size):
+            raise InputError(f"{path}: there are no runs yet; run the experiment first.")
         with self._input_errors():
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._connection = sqlite3.connect(path, timeout=60.0, isolation_level="IMMEDIATE")
+            if not read_only:
+                path.parent.mkdir(parents=True, exist_ok=True)
+            # Readers, too, open it for writing, so that SQLite can undo an interrupted transaction.
+            uri = f"{path.absolute().as_uri()}?mode={'rw' if read_only else 'rwc'}"
+            self._connection = sqlite3.connect(
+                uri, uri=True, timeout=60.0, isolation_level="IMMEDIATE"
+            )
             try:
-                self._set_up()
+                self._set_up(read_only)
             except BaseException:
                 self._connection.close()
                 raise
 
-    def _set_up(self) -> None:
+    def _set_up(self, read_only: bool) -> None:
         """Creates the table if the file is new; checks that it is a store, and not damaged."""
-        if self._pragma("schema_version") == 0:  # it is new
+        # Text that is not UTF-8 is damaged, which its checksum reveals.
+        self._connection.text_factory = lambda text: text.decode(errors="surrogateescape")
+        if not read_only and self._number("schema_version") == 0:  # it is new
             self._connection.executescript(_CREATE)
-        kind = self._pragma("application_id"), self._pragma("user_version")
+        kind = self._number("application_id"), self._number("user_version")
         if kind != (_APPLICATION_ID, _FORMAT):
-            raise InputError(f"{self._path}: not a store of this version of the project; {_MOVE}.")
-        if (problem := self._pragma("integrity_check(1)")) != "ok":
-            raise InputError(f"{self._path} is damaged: {problem}; {_MOVE}.")
+            raise DamagedError(f"{self._path}: not a store of this version of the project; {MOVE}.")
+        self._connection.execute(f"PRAGMA query_only = {read_only}")
+        if not read_only and (problem := self.problem()):
+            raise DamagedError(f"{self._path} is damaged: {problem}; {MOVE}.")
 
-    def _pragma(self, name: str) -> object:
-        (value,) = self._connection.execute(f"PRAGMA {name}").fetchone()
-        return value
+    def _number(self, pragma: str) -> int:
+        (number,) = self._connection.execute(f"PRAGMA {pragma}").fetchone()
+        return int(number or 0)
 
     def __enter__(self) -> Self:
         return self
@@ -149,10 +167,7 @@ class Store:
             self._connection.executemany(_ADD, rows)
 
     def get(self, digests: Iterable[str]) -> list[Record]:
-        """Returns the records of these runs in order.
-
-        A damaged record is removed, so that its run is repeated, and an InputError says so.
-        """
+        """Returns the records of these runs in order; an InputError says which is damaged."""
         with self._input_errors():
             return [self._get(digest) for digest in digests]
 
@@ -163,21 +178,48 @@ class Store:
         is_same = isinstance(arrays, bytes) and zlib.crc32(arrays) == checksum
         # The checksum covers the digest asked for: a damaged index may lead to another run.
         if not is_same or _head(digest, *about, checksum) != head:
-            with self._connection:
-                self._connection.execute("DELETE FROM runs WHERE digest = ?", (digest,))
             what = f"the record of run {digest[:12]} is missing or damaged"
             raise InputError(f"{self._path}: {what}; run its experiment again, which repeats it.")
         specification, status, error, made = about
         return Record(digest, specification, status, json.loads(made), _Packed(arrays), error)
+
+    def damaged(self, digests: Collection[str]) -> list[str]:
+        """Returns which of these stored runs have a record that is damaged or cannot be found."""
+        damaged = []
+        with self._input_errors():
+            for digest in digests:
+                try:
+                    self._get(digest)
+                except (InputError, UnicodeEncodeError):  # the digest itself may be damaged
+                    damaged.append(digest)
+        return damaged
+
+    def discard_damaged(self, digests: Iterable[str]) -> int:
+        """Removes damaged records of these runs, if they have ended; returns how many."""
+        # All statuses are read without an index, which may be damaged.
+        damaged = self.damaged(self.ended().intersection(digests))
+        with self._input_errors(), self._connection:
+            rows = [(digest,) for digest in damaged]
+            self._connection.executemany("DELETE FROM runs WHERE digest = ?", rows)
+        return len(damaged)
+
+    def problem(self) -> str:
+        """Returns what is wrong with the file's structure; empty if nothing."""
+        with self._input_errors():
+            (result,) = self._connection.execute("PRAGMA integrity_check(1)").fetchone()
+        return "" if result == "ok" else " ".join(str(result).split())
 
     @contextmanager
     def _input_errors(self) -> Iterator[None]:
         try:
             yield
         except (sqlite3.Error, OSError) as error:
+            code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+            if code in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB):
+                raise DamagedError(f"{self._path} is damaged: {error}; {MOVE}.") from None
             reason = getattr(error, "strerror", None) or error
             what = f"cannot be used as the store of runs: {reason}"
-            raise InputError(f"{self._path}: {what}; {_ADVICE}.") from None
+            raise InputError(f"{self._path}: {what}; {_CHECK}.") from None
 
 
 # Bytes of a record

@@ -55,6 +55,7 @@ def main(options: argparse.Namespace) -> int:
     learner = ", ".join(filter(None, [options.learner, options.observation]))
     watched, title = find_run(experiment, learner, options.seed, options.scenario)
     with Store(options.results / "runs.db") as store:
+        store.discard_damaged([watched.digest])
         if pending([watched], store):
             print(f"training {title} ...", file=sys.stderr)
             if errors := execute([watched], store, jobs=1):

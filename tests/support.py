@@ -14,7 +14,7 @@ from typing import Any, Final
 from benchmark.experiment import Experiment, interleaved
 from benchmark.specification import RunSpecification
 from benchmark.store import Record, Store
-from envs import load_scenario
+from envs import InputError, load_scenario
 
 ROOT: Final = Path(__file__).parents[1]
 _PYPROJECT: Final = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
@@ -86,8 +86,11 @@ def until(is_true: Callable[[], object]) -> None:
 
 def n_stored(results: Path) -> int:
     """Returns how many runs are stored in a folder of results so far."""
-    with Store(results / "runs.db") as store:
-        return len(store.statuses())
+    try:
+        with Store(results / "runs.db", read_only=True) as store:
+            return len(store.statuses())
+    except InputError:
+        return 0  # not created yet
 
 
 def arrays_of(records: Iterable[Record]) -> dict[str, dict[str, bytes]]:
@@ -120,7 +123,7 @@ def all_specifications(
     experiment: Experiment, seeds: Sequence[int] | None = None
 ) -> list[RunSpecification]:
     """Lists every run of an experiment once, see `interleaved`; of a search, those of trials."""
-    return interleaved(each.runs(seeds) for each in experiment.populations)
+    return interleaved(each.runs(each.taken(seeds)) for each in experiment.populations)
 
 
 def few_places(name: str, n: int = 6) -> dict[str, Any]:

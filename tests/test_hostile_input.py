@@ -13,6 +13,7 @@ import pytest
 from benchmark import run
 from benchmark.__main__ import main
 from benchmark.experiment import EXPERIMENT_DIRECTORY
+from benchmark.store import Store
 from envs import InputError
 from envs.inputs import read_toml
 from envs.scenario import SCENARIO_DIRECTORY
@@ -137,11 +138,17 @@ def test_all_mistakes_of_a_file_are_reported_at_once(
 
 
 @pytest.mark.slow
-def test_closed_and_full_outputs() -> None:
+def test_closed_and_full_outputs(tmp_path: Path) -> None:
     def bash(command: str) -> subprocess.CompletedProcess[str]:
         text = command.replace("benchmark", f"{sys.executable} -m benchmark")
         return subprocess.run(["bash", "-c", text], cwd=ROOT, capture_output=True, text=True)
 
+    # With its output closed, the first file that is opened would get it: the store.
+    (tmp_path / "mine.toml").write_text(EXPERIMENT)
+    command = f"benchmark run {tmp_path}/mine.toml --jobs 1 --results {tmp_path}"
+    assert bash(f">&- 2>&- {command}").returncode == 0
+    with Store(tmp_path / "runs.db", read_only=True) as store:
+        assert (len(store.ended()), store.problem()) == (2, "")
     done = bash(">/dev/full benchmark list")
     assert (done.returncode, done.stderr) == (2, "error: No space left on device.\n")
     done = bash("benchmark list | head -1; exit ${PIPESTATUS[0]}")

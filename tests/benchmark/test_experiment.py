@@ -275,6 +275,23 @@ def test_experiments_of_one_stream_share_runs(tmp_path: Path) -> None:
     assert digests[0].isdisjoint(digests[2])
 
 
+@pytest.mark.parametrize(("given", "of_30", "of_5"), [(1, 1, 1), (35, 10, 2), (100, 30, 5)])
+def test_learners_have_shares_of_given_seeds_or_two(
+    given: int, of_30: int, of_5: int, tmp_path: Path
+) -> None:
+    counts = {"most": 100, "some": 30, "few": 5}
+    variants = {name: variant(seeds=n, title=name) for name, n in counts.items()}
+    experiment = made(tmp_path / "mine.toml", small_experiment(algorithms=variants))
+    seeds: dict[str, set[int]] = {}
+    for run in all_specifications(experiment, range(given)):
+        seeds.setdefault(run.variant, set()).add(run.seed)
+    assert {name: len(own) for name, own in seeds.items()} == {
+        "most": given,
+        "some": of_30,
+        "few": of_5,
+    }
+
+
 def test_first_runs_are_of_all_populations(tmp_path: Path) -> None:
     experiment = made(tmp_path / "mine.toml", SMALL + GRIDS)
     firsts = [population.first.population for population in experiment.populations]
@@ -416,7 +433,7 @@ def test_what_is_no_name_is_refused_in_a_sentence(tmp_path: Path, table: str, na
         read_experiment(tmp_path / "mine.toml")
 
 
-@pytest.mark.parametrize("stem", ["a.b", "2024", "reproduce"])
+@pytest.mark.parametrize("stem", ["a.b", "2024", "reproduce", "speed", "a_smoke", "a_seeds_0-9"])
 def test_results_have_no_folder_of_others(tmp_path: Path, stem: str) -> None:
     with pytest.raises(InputError, match="results are named after the"):
         extended(tmp_path / f"{stem}.toml")
