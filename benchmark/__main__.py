@@ -14,7 +14,7 @@ from typing import Any, Final, NoReturn
 
 from benchmark import __version__
 from envs.inputs import InputError
-from envs.packages import contained, needed_by
+from envs.packages import needed_by
 from envs.sources import VARIABLES
 
 _INTERRUPTED: Final = "interrupted: what is stored is kept; repeat the command to go on."
@@ -68,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     # Imported on demand: --help and mistakes do not wait for what a command needs.
-    with contained(), needed_by(f"benchmark {options.command}"):
+    with needed_by(f"benchmark {options.command}"):
         if options.command == "list":
             return _list()
         code: int = import_module(f"benchmark.{options.command}").main(options)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from envs import ACTIONS, ZONES, InputError, Model, load_scenario
 from envs.inputs import shortened
 from envs.observations import compile_seen, observation_table
-from envs.packages import contained, imported, needed_by
+from envs.packages import imported, needed_by
 from envs.scenario import ScenarioLike
 
 with needed_by("benchmark.assess"):
@@ -192,7 +192,7 @@ def _asked(act: Act, table: NDArray[Any], o: int) -> NDArray[np.float64]:
     # As an environment gives it: a number, or an array that the function may change.
     given = int(table[o]) if table.ndim == 1 else table[o].copy()
     try:
-        answer = contained()(act)(given)
+        answer = act(given)
     except Exception as error:  # whatever the function raises
         reason = f"{type(error).__name__}: {error}".removesuffix(".")
         raise InputError(f"act: failed for observation {o}: {reason}.") from error

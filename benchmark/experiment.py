@@ -13,7 +13,6 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cached_property
 from itertools import chain, product, zip_longest
 from os.path import isfile, join  # which take any text for a path
 from pathlib import Path
@@ -306,7 +305,7 @@ class Declaration(Table):
         }
         return self.model_copy(update=changed)
 
-    @cached_property
+    @property
     def conditions(self) -> list[Condition]:
         """Readings, the default one first, points of grids, or trials of each variant in turn."""
         return [*self._readings(), *self._points(), *self._trials()] or [Condition({})]

@@ -24,7 +24,6 @@ from benchmark.specification import RunSpecification, given_up, solved
 from benchmark.store import VALUE_DECIMALS, Record, evaluated
 from envs import InputError, Model
 from envs.observations import compile_seen
-from envs.packages import contained
 
 Job = list[RunSpecification]
 Floats = NDArray[np.float64]
@@ -64,7 +63,7 @@ def execute_job(job: Job) -> list[Record]:
         if replace(job[0]).digest != job[0].digest:
             raise InputError("a module that the run depends on has changed; run it again.")
         train = _trained if job[0].solved is None else _trained_until_solved
-        columns = contained()(train)(job)
+        columns = train(job)
     except Exception as exception:
         return failures(job, exception, started)
     made = (

@@ -15,7 +15,7 @@ import numpy as np
 from agents import LearnerSettings, Schedule
 from envs import ACTIONS, Scenario
 from envs.observations import seen_as
-from envs.sources import digest_when_loaded
+from envs.sources import digest_of_source
 
 DEFAULT_CONDITION: Final = "default"
 # What a run's result does not depend on, and its seed
@@ -52,7 +52,7 @@ class RunSpecification:
         text = as_json(values, ensure_ascii=False)
         # Users' modules that it names as `module:attribute`
         named = sorted({*re.findall(r'"([\w.]+):[\w.]+"', text)})
-        digests = {name: digest_when_loaded(name) for name in named}
+        digests = {name: digest_of_source(name) for name in named}
         if code := {name: digest for name, digest in digests.items() if digest}:
             values["code"] = code
         return as_json(values, sort_keys=True, separators=(",", ":"))

@@ -20,7 +20,6 @@ from envs.people import Ping
 from envs.proxemic_env import ProxemicEnv
 from envs.regions import ZONES
 from envs.scenario import Scenario, load_scenario, scenario_names
-from envs.vector_env import ProxemicVectorEnv
 
 __all__ = [
     "ACTIONS",
@@ -31,7 +30,6 @@ __all__ = [
     "Model",
     "Ping",
     "ProxemicEnv",
-    "ProxemicVectorEnv",
     "Scenario",
     "compile_scenario",
     "load_scenario",
@@ -42,7 +40,6 @@ for _name in filter(is_name, scenario_names()):  # a misnamed file is reported w
     gymnasium.register(
         id=f"Proxemic/{_name}-v0",
         entry_point="envs.proxemic_env:ProxemicEnv",
-        vector_entry_point="envs.vector_env:ProxemicVectorEnv",
         max_episode_steps=200,
         kwargs={"scenario": _name},
     )

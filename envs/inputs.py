@@ -11,7 +11,7 @@ import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any, NoReturn, Self, TypeVar, get_args
+from typing import Annotated, Any, NoReturn, TypeVar, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
@@ -54,31 +54,6 @@ class Table(BaseModel):
     model_config = ConfigDict(
         frozen=True, extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True
     )
-
-    # Cached properties are neither compared nor copied nor pickled.
-    def _given(self) -> dict[str, object]:
-        return {key: self.__dict__[key] for key in type(self).model_fields}
-
-    def __eq__(self, other: object) -> bool:
-        return (
-            isinstance(other, Table)
-            and type(self) is type(other)
-            and self._given() == other._given()
-        )
-
-    def __hash__(self) -> int:
-        values = self._given().values()
-        return hash(
-            tuple(tuple(value.items()) if isinstance(value, dict) else value for value in values)
-        )
-
-    def __copy__(self) -> Self:  # for `model_copy`, which may change fields
-        copied = super().__copy__()
-        object.__setattr__(copied, "__dict__", self._given())
-        return copied
-
-    def __getstate__(self) -> dict[Any, Any]:
-        return super().__getstate__() | {"__dict__": self._given()}
 
 
 TableT = TypeVar("TableT", bound=Table)
@@ -163,10 +138,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         json.dumps(data, default=str)  # as `parse` does
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}.") from error
-    except (
-        ValueError,
-        RecursionError,
-    ) as error:  # no UTF-8, no TOML, nested too deeply, too many digits
+    except (ValueError, RecursionError) as error:  # no UTF-8, no TOML, too deep, too many digits
         raise InputError(f"{path}: not valid TOML: {error}.") from error
     return data
 
@@ -230,8 +202,6 @@ def parse(cls: type[TableT], data: Mapping[str, object], source: str, **given: o
     except ValidationError as error:
         lines = (_lines(cls, details, source, given) for details in error.errors())
         raise InputError(*chain.from_iterable(lines)) from None
-    except RecursionError:  # after an `override`
-        raise InputError(f"{source}: nested too deeply.") from None
 
 
 def _lines(cls: type[Table], error: ErrorDetails, source: str, given: Iterable[str]) -> list[str]:

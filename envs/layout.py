@@ -111,7 +111,6 @@ class Layout:
         return np.asarray(self.is_start.any(axis=(1, 2)))
 
 
-@lru_cache(maxsize=64)
 def draw_places(layout: Layout, n: int | None, unseen: int, draw: int) -> Layout:
     """Returns a layout with n places that have a start, and further unseen ones; None takes all.
 
@@ -132,7 +131,6 @@ def shown_cells(cells: Sequence[Cell], fraction: float, draw: int) -> list[Cell]
     return [following.get(cell, cell) for cell in cells]
 
 
-@lru_cache(maxsize=8)
 def draw_onlookers(layout: Layout, onlookers: Onlookers, draw: int) -> Layout:
     """Returns a layout whose places are repeated with different ways in which onlookers stand."""
     grid, n_ways = layout.grid, onlookers.ways

@@ -201,8 +201,7 @@ def draw_issuer_reward(mean: Numbers, noise: Numbers, uniform: Numbers) -> Numbe
 def compile_scenario(scenario: Scenario) -> Model:
     """Compiles a scenario; equal scenarios share one `Model` while it is among the latest."""
     compiled = _compile if math.prod(_shape(scenario)) <= _STATES_AT_ONCE else _compile_large
-    # A notebook may have redefined a user's function.
-    return compiled(scenario, *(its.function(scenario.name) for its in scenario.own_feedback))
+    return compiled(scenario)
 
 
 def _shape(scenario: Scenario) -> tuple[int, int, int, int, int]:
@@ -218,7 +217,7 @@ def _shape(scenario: Scenario) -> tuple[int, int, int, int, int]:
 
 
 @lru_cache(maxsize=64)
-def _compile(scenario: Scenario, *_: Callable[[Ping], Any]) -> Model:
+def _compile(scenario: Scenario) -> Model:
     shape = _shape(scenario)
     n_places, n_block = shape[0], math.prod(shape[1:])  # states of a place
     feedback = _feedback(scenario)

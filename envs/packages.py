@@ -15,10 +15,6 @@ from envs.inputs import InputError, guess, shortened
 _RENAMED = {"PIL": "pillow", "markdown_it": "markdown-it-py", "pygame": "pygame-ce"}
 
 
-class MissingPackageError(ModuleNotFoundError, InputError):
-    """A package is not installed. The message says what installs it."""
-
-
 @cache
 def extras() -> dict[str, list[str]]:
     """Returns the names of the packages that each extra of this project adds."""
@@ -51,9 +47,8 @@ def imported(name: str, source: str, kind: str) -> object:
         raise InputError(f"{source}: {kind} {shortened(name)}: accepted: module:attribute.")
     loaded: ModuleType | None = None
     try:
-        with contained():
-            loaded = import_module(module)
-            return getattr(loaded, attribute)
+        loaded = import_module(module)
+        return getattr(loaded, attribute)
     except Exception as error:  # a module can raise anything
         reason = str(error).removesuffix(".")
         hint = _installer(_missing(error)) if loaded is None else guess(attribute, dir(loaded))
@@ -63,32 +58,21 @@ def imported(name: str, source: str, kind: str) -> object:
 
 
 @contextmanager
-def contained() -> Iterator[None]:
-    """Turns what would end the process in users' code, but not Ctrl-C, into an InputError."""
-    try:
-        yield
-    except (Exception, KeyboardInterrupt):
-        raise
-    except BaseException as error:
-        raise InputError(f"{shortened(repr(error))} would end this process.") from error
-
-
-@contextmanager
 def needed_by(what: str) -> Iterator[None]:
-    """Turns the failed import of a package of this project's extras into a MissingPackageError."""
+    """Turns the failed import of a package of this project's extras into an InputError."""
     try:
         yield
     except ModuleNotFoundError as error:
         missing = _missing(error)
-        if isinstance(error, MissingPackageError) or not _installer(missing):
+        if not _installer(missing):
             raise
         raise missing_package(what, missing) from error
 
 
-def missing_package(what: str, module: str) -> MissingPackageError:
+def missing_package(what: str, module: str) -> InputError:
     """Returns the error that something needs a package, given as its missing module."""
     needed = f"{what} needs the package {package_of(module)}, which is not installed"
-    return MissingPackageError(f"{needed}{_installer(module)}.", name=module)
+    return InputError(f"{needed}{_installer(module)}.")
 
 
 def _missing(error: BaseException) -> str:

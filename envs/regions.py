@@ -4,7 +4,6 @@ The C cells are numbered `row * columns + column`. A region holds every cell who
 its shape.
 """
 
-from functools import cached_property
 from typing import Annotated, Literal, Self
 
 import numpy as np
@@ -85,16 +84,16 @@ class Grid(Table):
         """Rows and columns."""
         return self.rows, self.columns
 
-    @cached_property
+    @property
     def position(self) -> Ints:
         """(C, 2) row and column of each cell."""
-        return np.stack(np.divmod(np.arange(self.rows * self.columns), self.columns), axis=1)
+        return np.indices(self.size).reshape(2, -1).T
 
-    @cached_property
+    @property
     def is_wall(self) -> Bools:
         """(C,) which cells are walls."""
         signs = "".join(self.walls.split()) or "." * (self.rows * self.columns)
-        return np.array([sign == "#" for sign in signs])
+        return np.array([*signs]) == "#"
 
     def index(self, cell: Cell) -> int:
         """Returns the number of a cell."""
@@ -157,7 +156,6 @@ class Ring(Table):
 
 
 AnyShape = Round | Egg | Ring
-Shape = Annotated[AnyShape, Field(discriminator="kind")]
 
 
 class Regions(Table):
@@ -173,9 +171,9 @@ class Regions(Table):
     """Radius of the square around both regions; more than `uncomfortable_radius`."""
     unit: Literal["cells", "metres"] = "cells"
     """Unit of the lengths of shapes; metres need `grid.metres_per_cell`."""
-    uncomfortable: Shape | None = None
+    uncomfortable: Annotated[Round | Egg, Field(discriminator="kind")] | None = None
     """Shape of the uncomfortable region."""
-    target: Shape | None = None
+    target: Annotated[AnyShape, Field(discriminator="kind")] | None = None
     """Shape of the target region with what lies inside it; for people who talk, a ring around all
     of them."""
 
@@ -195,8 +193,6 @@ class Regions(Table):
                 f"more than uncomfortable_radius = {inner}",
             )
             require(self.unit == "cells", 'unit = "metres"', '"cells", since radii are in cells')
-        is_around = isinstance(self.uncomfortable, Ring)
-        require(not is_around, 'uncomfortable.kind = "ring"', "square, circle or egg")
         return self
 
     def cell_width(self, grid: Grid) -> float:

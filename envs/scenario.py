@@ -9,7 +9,7 @@ import json
 import math
 from collections import Counter
 from collections.abc import Mapping
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from itertools import chain, pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -91,14 +91,14 @@ class Scenario(Table):
     """Which places and which permutation are drawn, if any. The first n places are the same for
     every n."""
 
-    @cached_property
+    @property
     def layout(self) -> Layout:
         """Where people stand and episodes start, in the places that are drawn."""
-        layout = draw_places(self._every_way, self.issuer.places, self.issuer.unseen, self.draw)
-        return draw_onlookers(layout, self.onlookers, self.draw) if self.onlookers else layout
+        return _layout(self)
 
-    @cached_property
-    def _every_way(self) -> Layout:
+    @property
+    def every_way(self) -> Layout:
+        """Where people might stand, if all places were drawn."""
         # Scenarios that differ only in what is drawn or observed share it.
         issuer = self.issuer.model_copy(update={"places": None, "unseen": 0, "permuted": 0.0})
         tables = self.group, self.regions, self.others, self.phases, self.first_phase
@@ -126,7 +126,7 @@ class Scenario(Table):
         """How many people are drawn, the issuer included."""
         return self.group.people if self.group else 1
 
-    @cached_property
+    @property
     def n_observations(self) -> int:
         """The product of the components' sizes: O, or more if some offsets never occur together."""
         (n_places, n_phases, n), n_cells = self.layout.standing.shape, len(self.grid.position)
@@ -185,9 +185,8 @@ class Scenario(Table):
             accepted,
         )
         is_ring = any(isinstance(regions.target, Ring) for regions in self._regions)
-        require(
-            not is_ring or self.group is not None, 'target.kind = "ring"', "a ring around a [group]"
-        )
+        accepted = "a ring around a [group]"
+        require(not is_ring or self.group is not None, 'target.kind = "ring"', accepted)
         self._check_phases()
         self._check_walks()
         self._check_cells()
@@ -285,9 +284,7 @@ class Scenario(Table):
         what = "cells x ping_limit x ticks of the phases"
         where = f"{what} = {n_states} states for each position of the person"
         require(n_states <= _MAX_STATES_OF_PLACE, where, f"at most {_MAX_STATES_OF_PLACE}")
-        n_places = len(self.grid.cells_of(issuer.position))
-        if self.group is not None:
-            n_places = int(self._every_way.has_start.sum())
+        n_places = int(self.every_way.has_start.sum())
         if issuer.places is not None:
             n_places = min(n_places, issuer.places + issuer.unseen)
         if crowd:
@@ -295,15 +292,14 @@ class Scenario(Table):
             most = int((~self.grid.is_wall).sum()) - len(occupied) - self.n_people
             where = f"onlookers.people = {crowd.people}"
             require(crowd.people <= most, where, f"at most {most}, a free cell for each")
-            n_seen = max(n_places - issuer.unseen, 1)
-            n_places = max(crowd.ways, n_seen) + (n_places if issuer.unseen else 0)
+            n_places += crowd.ways
         n_outcomes = 1 + max(len(stage.next or {}) for stage in stages)
         n = n_states * n_places * n_outcomes
         where = f"{what} x places x phases that may follow = {n} states"
         require(n <= MAX_STATES, where, f"at most {MAX_STATES}")
 
     def _check_starts(self) -> None:
-        every, group, position = self._every_way, self.group, self.issuer.position
+        every, group, position = self.every_way, self.group, self.issuer.position
         if group is not None:
             where = f"group: nowhere do {group.people} people stand {list(group.apart)} apart"
             require(len(every.ways) > 0, where, "another range of group.apart, or more cells")
@@ -329,6 +325,13 @@ class Scenario(Table):
             where,
             f"at most {most} together, the ways in which people can stand",
         )
+
+
+@lru_cache(maxsize=64)
+def _layout(scenario: Scenario) -> Layout:
+    issuer, onlookers = scenario.issuer, scenario.onlookers
+    layout = draw_places(scenario.every_way, issuer.places, issuer.unseen, scenario.draw)
+    return draw_onlookers(layout, onlookers, scenario.draw) if onlookers else layout
 
 
 ScenarioLike = str | Path | Scenario | Mapping[str, object]

@@ -61,7 +61,7 @@ class Sb3Algorithm(SequentialAlgorithm):
     def train_agent(
         self, model: Model, settings: Any, observation: str, seed: SeedSequence, schedule: Schedule
     ) -> Fields:
-        """Trains by `sb3.training.train_agent`; a missing package is a MissingPackageError."""
+        """Trains by `sb3.training.train_agent`; a missing package is an InputError."""
         with needed_by(self.path):
             cls = self.load()
             from agents.sb3.training import train_agent

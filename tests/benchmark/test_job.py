@@ -14,7 +14,7 @@ from benchmark.experiment import load_experiment
 from benchmark.job import execute_job, plan
 from benchmark.specification import solved
 from envs import compile_scenario, load_scenario
-from envs.sources import digest_when_loaded
+from envs.sources import digest_of_source
 from tests.support import all_specifications, small_experiment, specifications, variant
 
 SMALL = load_experiment("reproduce", smoke=True)
@@ -79,7 +79,7 @@ def test_a_job_fails_where_a_module_has_changed_since_the_driver_loaded_it(tmp_p
     runs = all_specifications(load_experiment(path))
     assert [record.status for record in execute_job(runs)] == ["done", "done"]
     module.write_text(f"{text}# changed\n", encoding="utf-8")
-    digest_when_loaded.cache_clear()  # as in a worker that starts now
+    digest_of_source.cache_clear()  # as in a worker that starts now
     for record in execute_job(runs):
         assert record.error == (
             "InputError: a module that the run depends on has changed; run it again."
