@@ -8,11 +8,10 @@ that one process has saved could call another's that has the same name and numbe
 """
 
 import hashlib
-import multiprocessing
 import pickle
 import secrets
-import sys
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -35,23 +34,14 @@ def compiled(function: _Function, made_for: str = "") -> _Function:
     Functions that differ only in variables around them differ in `made_for`.
     """
     dispatcher: Any = numba.njit(nogil=True)(function)
-    try:
+    with suppress(OSError, RuntimeError):  # numba finds no folder that can be written
         cached = FunctionCache(function)
         locator = cached._impl.locator
         stamp = made_for, locator.get_source_stamp()
         cached._cache_file = _Files(cached._cache_path, cached._impl.filename_base, stamp)
         locator.ensure_cache_path = lambda: None  # `save` finds out
         dispatcher._cache = cached
-    except (OSError, RuntimeError):  # numba finds no folder that can be written
-        _say_unsaved()
     return dispatcher  # type: ignore[no-any-return]
-
-
-@cache
-def _say_unsaved() -> None:
-    if multiprocessing.parent_process() is None:  # workers need not repeat it
-        note = "note: compiled code cannot be saved; set NUMBA_CACHE_DIR to a writable folder."
-        print(note, file=sys.stderr)
 
 
 class _Files(IndexDataCacheFile):  # type: ignore[misc]
@@ -76,11 +66,8 @@ class _Files(IndexDataCacheFile):  # type: ignore[misc]
     def save(self, key: Any, data: object) -> None:
         """Saves what was compiled for a signature and a processor, if the disk has room."""
         path, content = self._path(key), self._dump(data)
-        try:
-            with self._open_for_write(str(path)) as file:
-                file.write(self._digest(path, content) + content)
-        except OSError:
-            _say_unsaved()
+        with suppress(OSError), self._open_for_write(str(path)) as file:
+            file.write(self._digest(path, content) + content)
 
     def _path(self, key: Any) -> Path:
         signature, processor, _ = key  # the last may change from process to process

@@ -36,24 +36,16 @@ def check_people(model: Model, observation: str, arguments: PeopleArguments) -> 
     These must hold coordinates of the agent's cell, if it is seen, then of each person, and nothing
     else: a phase and wrong PINGs would pass for one more person.
     """
+    *others, people = model.components
     names = [component.name for component in model.components]
-    what = f"PeopleExtractor in {model.scenario.name}: observation {observation}"
+    given = arguments.model_dump(include={"per_person", "sees_agent"})
+    per_person = len(people.per_cell) // people.ones.shape[1]
+    fitting = {"per_person": per_person, "sees_agent": bool(others)}
     is_known = names[:-1] in ([], ["agent"]) and names[-1] in _PEOPLE
-    if ENCODINGS[observation] not in NUMBERS or not is_known:
-        accepted = "coordinates, centred or not, of people, or of the agent and people"
-        raise InputError(f"{what} of {', '.join(names)}; accepted: {accepted}.")
-    people = model.components[-1]
-    expected = {
-        "per_person": len(people.per_cell) // people.ones.shape[1],
-        "sees_agent": len(names) > 1,
-    }
-    given, accepted = (
-        ", ".join(f"{key} = {json.dumps(each[key])}" for key in expected)
-        for each in (arguments.model_dump(), expected)
-    )
-    if given != accepted:
-        where = "policy_kwargs.features_extractor_kwargs"
-        raise InputError(f"{what}, {where}: {given}; accepted: {accepted}.")
+    if ENCODINGS[observation] not in NUMBERS or not is_known or given != fitting:
+        what = f"PeopleExtractor in {model.scenario.name}: observation {observation} of"
+        accepted = f"coordinates of people, or of agent and people, with {json.dumps(fitting)}"
+        raise InputError(f"{what} {names} with {json.dumps(given)}; accepted: {accepted}.")
 
 
 def people_table(model: Model, observation: str, arguments: PeopleArguments) -> Singles:

@@ -33,7 +33,6 @@ _OUTCOME_FIELDS = {
 }
 OUTCOME = np.dtype([*_OUTCOME_FIELDS.items()], align=True)
 STEP = np.dtype([("o", np.uint64), ("a", np.uint64), ("reward", np.float64)])  # kept for a replay
-_STATES_AT_ONCE = 200_000  # whose outcomes are written out together
 
 
 class Process(NamedTuple):
@@ -51,16 +50,10 @@ class Process(NamedTuple):
 @kept_with_model
 def process_of(model: Model) -> Process:
     """Flattens a model for numba."""
-    n_states, n_actions, n_outcomes = model.next_state.shape
+    _, n_actions, n_outcomes = model.next_state.shape
     row = n_actions * n_outcomes * OUTCOME.itemsize  # bytes of a state
-    kinds, kind = np.zeros(0, dtype=f"V{row}"), np.empty(n_states, dtype=np.int64)
-    for first in range(0, n_states, _STATES_AT_ONCE):
-        some = slice(first, first + _STATES_AT_ONCE)
-        rows = np.concatenate([kinds, _outcomes(model, some).reshape(-1).view(kinds.dtype)])
-        n_before = len(kinds)
-        kinds, found = np.unique(rows, return_inverse=True)
-        kind[:first] = found[kind[:first]]  # kinds have been numbered anew
-        kind[some] = found[n_before:]
+    rows = _outcomes(model).reshape(-1).view(f"V{row}")
+    kinds, kind = np.unique(rows, return_inverse=True)
     return Process(
         first=(kind * n_actions * n_outcomes).astype(np.uint32),
         outcomes=kinds.view(OUTCOME),
@@ -72,20 +65,18 @@ def process_of(model: Model) -> Process:
     )
 
 
-def _outcomes(model: Model, some: slice) -> Records:
-    """Returns the outcomes of some states, (states, A, K)."""
-    state = np.arange(len(model.observation))[some, None, None]
+def _outcomes(model: Model) -> Records:
+    """Returns the outcomes of all states, (S, A, K)."""
     # zeros between fields, too: bytes count
-    outcomes = np.zeros(model.next_state[some].shape, dtype=OUTCOME)
-    outcomes["reward"] = (model.grid_reward[some] + model.issuer_reward[some])[..., None]
-    outcomes["state_change"] = model.next_state[some] - state
-    outcomes["observation_change"] = (
-        model.observation[model.next_state[some]] - model.observation[state]
-    )
-    outcomes["terminates"] = model.terminated[some, :, None]
-    outcomes["is_wrong_ping"] = model.is_wrong_ping[some, :, None]
-    outcomes["noise"] = model.issuer_noise[some, :, None]
-    outcomes["probability_up_to"] = model.probability[some].cumsum(axis=-1)
+    outcomes = np.zeros(model.next_state.shape, dtype=OUTCOME)
+    observed, state = model.observation, np.arange(len(model.observation))[:, None, None]
+    outcomes["reward"] = (model.grid_reward + model.issuer_reward)[..., None]
+    outcomes["state_change"] = model.next_state - state
+    outcomes["observation_change"] = observed[model.next_state] - observed[state]
+    outcomes["terminates"] = model.terminated[..., None]
+    outcomes["is_wrong_ping"] = model.is_wrong_ping[..., None]
+    outcomes["noise"] = model.issuer_noise[..., None]
+    outcomes["probability_up_to"] = model.probability.cumsum(axis=-1)
     outcomes["probability_up_to"][..., -1] = np.inf  # whatever rounding does to the sum
     return outcomes
 

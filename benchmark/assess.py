@@ -138,9 +138,9 @@ def assess(
 ) -> Assessment:
     """Evaluates an agent exactly in a scenario, under the time limit of the published experiments.
 
-    A model that was loaded does not say behind which wrappers it was trained. Its last observation
-    shows most that change observations, but not, for example, `1 - o`, or one that changes actions:
-    assess a function.
+    A model does not say behind which wrappers it was trained. Its last observation shows most that
+    change observations, but not, for example, `1 - o`, or one that changes actions: assess a
+    function.
 
     Args:
       agent: A function that takes an observation and returns an action from 0 to 4

@@ -51,7 +51,7 @@ Numbers = TypeVar("Numbers", float, Floats)
 T = TypeVar("T")
 P = ParamSpec("P")
 Feedback = tuple[Floats, Floats, Bools]  # see `_feedback`
-_STATES_AT_ONCE = 200_000  # states that are compiled together, to save memory
+_LARGE = 200_000  # states of a model
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,7 +200,7 @@ def draw_issuer_reward(mean: Numbers, noise: Numbers, uniform: Numbers) -> Numbe
 
 def compile_scenario(scenario: Scenario) -> Model:
     """Compiles a scenario; equal scenarios share one `Model` while it is among the latest."""
-    compiled = _compile if math.prod(_shape(scenario)) <= _STATES_AT_ONCE else _compile_large
+    compiled = _compile if math.prod(_shape(scenario)) <= _LARGE else _compile_large
     return compiled(scenario)
 
 
@@ -218,19 +218,7 @@ def _shape(scenario: Scenario) -> tuple[int, int, int, int, int]:
 
 @lru_cache(maxsize=64)
 def _compile(scenario: Scenario) -> Model:
-    shape = _shape(scenario)
-    n_places, n_block = shape[0], math.prod(shape[1:])  # states of a place
-    feedback = _feedback(scenario)
-    arrays: dict[str, NDArray[Any]] = {}
-    step = max(_STATES_AT_ONCE // n_block, 1)
-    for first in range(0, n_places, step):
-        part = _compile_places(scenario, feedback, np.arange(first, min(first + step, n_places)))
-        for name, values in part.items():
-            if name not in arrays:
-                arrays[name] = np.zeros((n_places * n_block, *values.shape[1:]), values.dtype)
-            if values.any():  # memory for zeros is not even touched
-                arrays[name][first * n_block :][: len(values)] = values
-
+    shape, arrays = _shape(scenario), _arrays(scenario)
     place, tick, cell = scenario.layout.starts.T
     starts = np.ravel_multi_index((place, tick, 0, 0, cell), shape).astype(np.int32)
     novelty = scenario.layout.novelty[place]
@@ -257,15 +245,12 @@ def _compile(scenario: Scenario) -> Model:
 _compile_large = lru_cache(maxsize=2)(_compile.__wrapped__)  # each takes up to a gigabyte
 
 
-def _compile_places(
-    scenario: Scenario, feedback: Feedback, places: Ints
-) -> dict[str, NDArray[np.generic]]:
-    """Returns the arrays of a model over the states of some places."""
+def _arrays(scenario: Scenario) -> dict[str, NDArray[Any]]:
+    """Returns the arrays of a model over its states."""
     rows, columns = scenario.grid.size
     shape, n_phases = _shape(scenario), len(scenario.layout.stages)
     n_pings, n_cells = shape[3:]
-    n_block = math.prod(shape[1:])
-    state = np.arange(places[0] * n_block, (places[-1] + 1) * n_block)
+    state = np.arange(math.prod(shape))
     place, tick, delayed, pings, cell = np.unravel_index(state, shape)  # (S,) each
     context = place * n_phases + scenario.layout.ticks[tick]
     zone_of = scenario.layout.zone.reshape(-1, n_cells)  # (J * P, C)
@@ -292,7 +277,7 @@ def _compile_places(
 
     # The issuer's part: feedback, and the next tick
     mean, noise, comes_late = (
-        values[context, pings % values.shape[1], cell] for values in feedback
+        values[context, pings % values.shape[1], cell] for values in _feedback(scenario)
     )  # (S,)
     issuer_reward, issuer_noise = np.zeros((2, *event.shape))
     issuer_reward[:, PING] = np.where(comes_late, 0.0, mean)

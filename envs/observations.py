@@ -96,8 +96,8 @@ def observation_ones(model: Model, observation: str) -> tuple[NDArray[np.integer
     """Returns which numbers of a sparse form are 1, (O, ones), and how many numbers there are."""
     encoding = ENCODINGS[observation]
     if encoding == "tiles":
-        tiles = tiles_of(model, N_TILINGS, TILE_WIDTH).tiles
-        return tiles, int(tiles.max()) + 1
+        rows, tiles = tiles_of(model, N_TILINGS, TILE_WIDTH)
+        return tiles[rows[:, 0]], int(tiles.max()) + 1
     blocks: list[Ints] = []  # (O, ones) which numbers of a block are 1
     widths = [0]
     for part, value in zip(model.components, model.values, strict=True):

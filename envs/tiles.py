@@ -24,8 +24,7 @@ from envs.scenario import Scenario
 
 T = TypeVar("T")
 
-MAX_FEATURES = 5_000_000  # features of all observations; training takes up to 160 bytes of each
-MAX_ROWS = 40_000_000  # entries of `Tiles.rows`, and of `Tiles.tiles`
+MAX_FEATURES = 10_000_000  # entries of `Tiles.tiles`; training takes up to 160 bytes of each
 
 Parts = Literal["joint", "agent_pairs", "shared_pairs"]
 
@@ -35,11 +34,6 @@ class Tiles(NamedTuple):
 
     rows: Indices  # (O, V)
     tiles: Indices  # (rows, n_tilings) features, numbered from 0
-
-
-def _check(n_each: int, n: int, most: int, found: str) -> None:
-    if n * n_each > most:
-        raise InputError(f"{found} for {n:,} observations; accepted: at most {most:,} in all.")
 
 
 def _sets(positions: Sequence[T], scenario: Scenario, parts: Parts) -> list[tuple[T, ...]]:
@@ -73,13 +67,6 @@ def tiles_of(model: Model, n_tilings: int, width: int, parts: Parts = "joint") -
         else:
             others.append(value)
     sets, n_observations = _sets(positions, model.scenario, parts), model.n_observations
-    if len(sets) < 2:
-        _check(
-            n_tilings, n_observations, MAX_FEATURES, f"n_tilings = {n_tilings}: a feature of each"
-        )
-        tiles = _tile(*_joined(positions), others, n_tilings, width)
-        return Tiles(np.arange(n_observations, dtype=np.int32)[:, None], tiles)
-    _check(len(sets), n_observations, MAX_ROWS, f"parts = {parts}: {len(sets)} sets of positions")
     rows, tables = np.empty((n_observations, len(sets)), dtype=np.int32), []
     n_rows = n_tiles = 0
     n_alike = len(sets) if parts == "shared_pairs" else 1  # sets that have the same tiles
@@ -88,19 +75,14 @@ def tiles_of(model: Model, n_tilings: int, width: int, parts: Parts = "joint") -
         cells, per_cell = np.concatenate([cells for cells, _ in alike]), alike[0][1]
         further = [np.tile(value, n_alike) for value in others]
         first, number = numbered([*cells.T, *further])
+        rows[:, v : v + n_alike] = n_rows + number.reshape(n_alike, -1).T
+        n_rows += len(first)
+        if n_rows * n_tilings > MAX_FEATURES:
+            found = f"n_tilings = {n_tilings}: a feature of each for {n_rows:,} observations"
+            raise InputError(f"{found}; accepted: at most {MAX_FEATURES:,} in all.")
         tiles = _tile(cells[first], per_cell, [value[first] for value in further], n_tilings, width)
         tables.append(n_tiles + tiles)
-        rows[:, v : v + n_alike] = n_rows + number.reshape(n_alike, -1).T
-        n_rows, n_tiles = n_rows + len(first), int(tables[-1].max()) + 1
-        _check(
-            n_tilings,
-            n_rows,
-            MAX_ROWS,
-            f"parts = {parts}, n_tilings = {n_tilings}: a feature of each",
-        )
-        _check(
-            1, n_tiles, MAX_FEATURES, f"parts = {parts}, tile_width = {width}: {n_tiles:,} features"
-        )
+        n_tiles = int(tables[-1].max()) + 1
     return Tiles(rows, np.concatenate(tables))
 
 

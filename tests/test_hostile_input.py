@@ -55,14 +55,11 @@ MANY = {"table": variant("q_learning", "index", "offset", seeds=100_000)}
         # From [0, 0], the target region of S1 is ten steps away.
         (small_experiment(horizon=10), "S1: no policy succeeds within horizon = 10; "),
         (small_experiment(algorithms=MANY), "seeds = 100000: input should be less than"),
-        (small_experiment(algorithms={"a": variant("exiting:a")}), "would end this process"),
-        (small_experiment(report={"kind": "exiting"}), "would end this process"),
     ],
 )
 def test_files_that_are_too_much(
     text: str, expected: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (tmp_path / "exiting.py").write_text("raise SystemExit('bye')\n")
     (tmp_path / "mine.toml").write_text(text)
     assert expected in refused(capsys, "run", tmp_path / "mine.toml", "--results", tmp_path)
 

@@ -5,7 +5,6 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import groupby
 from typing import Any, ClassVar, Self
 
@@ -31,7 +30,7 @@ class NetSettings(Sb3Settings):
 
     extractors: ClassVar[tuple[str, ...]] = ()  # the accepted ones
 
-    @cached_property
+    @property
     def people(self) -> PeopleArguments | None:
         """How people are embedded, if they are."""
         if self.policy_kwargs.features_extractor_class is None:

@@ -134,21 +134,11 @@ def algorithm_of(cls: Any, path: str) -> Sb3Algorithm:
 
 
 def _arguments(cls: type) -> dict[str, object]:
-    """Returns the named arguments of a class with their defaults: `...` for none, None for objects.
-
-    A class that passes `**kwargs` on has the arguments of the class above it, too.
-    """
+    """Returns the arguments of a class with their defaults: `...` for none, None for objects."""
     arguments: dict[str, object] = {}
-    for base in cls.__mro__:
-        if "__init__" not in vars(base):
-            continue
-        _, *parameters = inspect.signature(vars(base)["__init__"]).parameters.values()
-        for parameter in parameters:
-            is_named = parameter.kind in (parameter.POSITIONAL_OR_KEYWORD, parameter.KEYWORD_ONLY)
-            if is_named and not parameter.name.startswith("_"):
-                default = ... if parameter.default is parameter.empty else parameter.default
-                is_plain = isinstance(default, bool | int | float | str | type(...))
-                arguments.setdefault(parameter.name, default if is_plain else None)
-        if not any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters):
-            break
+    for parameter in inspect.signature(cls).parameters.values():
+        default = ... if parameter.default is parameter.empty else parameter.default
+        if parameter.kind is not parameter.VAR_KEYWORD and not parameter.name.startswith("_"):
+            is_plain = isinstance(default, bool | int | float | str | type(...))
+            arguments[parameter.name] = default if is_plain else None
     return arguments

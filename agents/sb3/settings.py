@@ -4,13 +4,12 @@ They are written out here because importing SB3 loads torch, and its signatures 
 values make sense. A test compares names and defaults with the signatures.
 """
 
-import sys
 from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import Field, model_validator
 
 from agents.contract import LearnerSettings
-from envs.inputs import Count, InputError, Share, Table, shortened
+from envs.inputs import Count, Share, Table
 from envs.packages import imported
 
 Units = Annotated[int, Field(ge=1, le=4096)]
@@ -40,17 +39,6 @@ class PolicyArguments(Table):
     of the observation. `agents.sb3.extractors` has two."""
     features_extractor_kwargs: dict[str, Any] = Field(default_factory=dict)
     """Arguments of this class, besides the observation space."""
-
-
-def _features_extractor(name: str) -> object:
-    """Imports a class of features extractors; anything else raises an InputError."""
-    found = imported(name, "policy_kwargs", key := "features_extractor_class")
-    # which every such class has loaded
-    module = sys.modules.get("stable_baselines3.common.torch_layers")
-    if module and isinstance(found, type) and issubclass(found, module.BaseFeaturesExtractor):
-        return found
-    accepted = "a subclass of stable_baselines3.common.torch_layers.BaseFeaturesExtractor"
-    raise InputError(f"policy_kwargs: {key} {shortened(name)}: accepted: {accepted}.")
 
 
 class Sb3Settings(LearnerSettings):
@@ -101,7 +89,7 @@ class Sb3Settings(LearnerSettings):
                 key: value for key, value in given if value != {}
             }
             if isinstance(name := policy.get(key := "features_extractor_class"), str):
-                policy[key] = _features_extractor(name)
+                policy[key] = imported(name, "policy_kwargs", key)
         size = vars(self).get("buffer_size")
         return arguments if size is None else arguments | {"buffer_size": min(size, self.budget)}
 

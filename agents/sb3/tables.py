@@ -3,18 +3,15 @@
 It knows what a net is given for an observation, after its wrappers.
 """
 
-import re
 from collections.abc import Callable
 from inspect import signature
 from typing import Any, NamedTuple
 
-import gymnasium
 import numpy as np
 import torch
 from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.vec_env import VecEnvWrapper
 
 from envs import Model
 from envs.arrays import Floats
@@ -24,13 +21,6 @@ from envs.observations import observation_space, observation_table
 
 # Arguments of methods that decide. A state is a memory only if a method returns one, too.
 _ARGUMENTS = {"state", "episode_start", "deterministic", "args", "kwargs"}
-# Where methods are defined that pass on observations and actions as they are.
-_UNCHANGING = re.compile(
-    r"(envs\.proxemic_env|agents\.sb3\.vec_env|gymnasium\.core\.(Reward)?Wrapper"
-    r"|gymnasium\.wrappers\.(common|rendering|stateful_reward)|stable_baselines3\.common\."
-    r"(monitor|vec_env\.(base_vec_env|dummy_vec_env|vec_check_nan|vec_monitor|vec_video_recorder))"
-    r")\."
-)
 _PRECISION = 1e-5  # observations have single precision
 _FUNCTION = (
     "a function that does so, such as lambda o: model.predict(wrapped(o), deterministic=True)"
@@ -120,16 +110,13 @@ def agent_table(agent: BaseAlgorithm, model: Model, observation: str) -> tuple[F
         "action": spaces.Discrete(len(ACTIONS)),
     }
     try:
-        layers = _known_layers(agent.get_env())
         for kind, space in expected.items():
             given = getattr(agent, f"{kind}_space")
             if given != space:
                 setting = f'{model.scenario.name} with observation = "{observation}"'
                 raise InputError(f"agent: {kind}_space = {given}; accepted in {setting}: {space}.")
         last: Any = agent._last_obs
-        if not _has_rows(observations, last) or (
-            last is None and not layers and agent.num_timesteps > 0
-        ):
+        if not _has_rows(observations, last) or (last is None and agent.num_timesteps > 0):
             what = "its last observation in training is missing, or not of this scenario and form"
             raise InputError(f"agent: {what}; accepted: {_FUNCTION}.")
         table = readable_table(agent, torch.as_tensor(observations, device=agent.device))
@@ -141,23 +128,6 @@ def agent_table(agent: BaseAlgorithm, model: Model, observation: str) -> tuple[F
             f"agent: cannot be evaluated: {first_line(error)}; accepted: {accepted}."
         ) from error
     return table, output_of(agent).is_value
-
-
-def _known_layers(env: Any) -> list[Any]:
-    """Returns an agent's env and all that it wraps; an InputError if one may change something."""
-    if env is None:
-        return []
-    methods = ("step", "reset", "step_async", "step_wait")
-    sources = [getattr(env, name) for name in methods if hasattr(env, name)]
-    if not isinstance(env, gymnasium.Wrapper | VecEnvWrapper):
-        sources = [type(env)]
-    if not all(
-        _UNCHANGING.match(f"{source.__module__}.{source.__qualname__}") for source in sources
-    ):
-        what = f"{type(env).__name__}, which may change observations or actions"
-        raise InputError(f"agent: its environment includes {what}; accepted: {_FUNCTION}.")
-    inner = (vars(env).get("venv"), vars(env).get("env"), *vars(env).get("envs", ()))
-    return [env, *(layer for each in inner for layer in _known_layers(each))]
 
 
 def _has_rows(table: NDArray[Any], rows: Any) -> bool:

@@ -62,12 +62,8 @@ def check_settings(cls: type[BaseAlgorithm], settings: Sb3Settings, path: str) -
         try:
             table = torch.as_tensor(observation_table(model, "coordinates"))
             policy = settings.arguments.get("policy_kwargs", {})
-            plain = {
-                key: policy[key] for key in policy if not key.startswith("features_extractor_")
-            }
-            if plain != policy:
-                settings = settings.model_copy(update={"policy_kwargs": plain})
-            readable_table(make_agent(cls, settings, env), table)
+            if "features_extractor_class" not in policy:
+                readable_table(make_agent(cls, settings, env), table)
         except Exception as error:  # whatever the class raises
             raise ValueError(f"{path} cannot be trained: {first_line(error)}") from error
 
@@ -83,7 +79,7 @@ class _Snapshots(BaseCallback):
         self, env: SB3VecEnv, rollout: int, observations: torch.Tensor, schedule: Schedule
     ) -> None:
         super().__init__()
-        self._env, self._rollout, self._next_rollout = env, rollout, 0
+        self._env, self._rollout = env, rollout
         self._observations = observations  # (O, ...)
         self._points, self._may_end = schedule.evaluation_steps, schedule.may_end
         self._n_policies = 0  # evaluation steps whose policy is known
@@ -96,13 +92,7 @@ class _Snapshots(BaseCallback):
         self._started_s = time.thread_time()
 
     def _on_rollout_start(self) -> None:
-        step = self.model.num_timesteps
-        if step != self._next_rollout:
-            found = f"{type(self.model).__name__}: a rollout began after {step} steps"
-            why = f"since the settings say that a rollout has {self._rollout} steps"
-            raise InputError(f"{found}; accepted: after {self._next_rollout}, {why}.")
-        self._next_rollout += self._rollout
-        self.keep_policy(before=self._next_rollout)
+        self.keep_policy(before=self.model.num_timesteps + self._rollout)
 
     def _on_step(self) -> bool:
         n_past = bisect_right(self._points, self.model.num_timesteps - self._env.num_envs)

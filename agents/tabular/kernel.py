@@ -122,30 +122,6 @@ def record(
 
 
 @njit
-def _new_tree(n_observations: int, value: float) -> Floats:
-    """Returns a tree whose inner nodes are the larger of their children, the largest at node 1."""
-    leaves = 1
-    while leaves < n_observations:
-        leaves *= 2
-    tree = np.full(2 * leaves, value)
-    for i in range(leaves + n_observations, 2 * leaves):
-        tree[i] = -np.inf
-    return tree
-
-
-@inlined
-def _update_tree(tree: Floats, o: U, best: float) -> None:
-    node = len(tree) // 2 + int(o)
-    tree[node] = best
-    while node > 1:
-        node >>= 1
-        winner = max(tree[2 * node], tree[2 * node + 1])
-        if tree[node] == winner:
-            break
-        tree[node] = winner
-
-
-@njit
 def _trace(traced: Ints, weights: Floats, n_traces: int, decay: float, pair: np.uint64) -> int:
     """Decays traces, drops those below `MIN_TRACE`, sets a pair's to 1; returns their number."""
     n_kept = 0
@@ -160,12 +136,15 @@ def _trace(traced: Ints, weights: Floats, n_traces: int, decay: float, pair: np.
 
 @inlined
 def _renew(
-    q: Floats, highest: Floats, greedy: Ints, tree: Floats, o: U, takes_lowest: bool
+    q: Floats, highest: Floats, greedy: Ints, largest: Floats, o: U, takes_lowest: bool
 ) -> None:
     """Finds the best actions of an observation whose values have changed."""
+    before = highest[o]
     highest[o], greedy[o] = find_best(q, o, takes_lowest)
-    if len(tree) > 2:
-        _update_tree(tree, o, highest[o])
+    if highest[o] >= largest[0]:
+        largest[0] = highest[o]
+    elif before == largest[0]:
+        largest[0] = highest.max()
 
 
 @njit
@@ -173,7 +152,7 @@ def _pass_back(
     q: Floats,
     highest: Floats,
     greedy: Ints,
-    tree: Floats,
+    largest: Floats,
     steps: Records,
     constants: Constants,
     rate: float,
@@ -187,7 +166,7 @@ def _pass_back(
             q[step.o, step.a] += rate * (
                 step.reward + constants.discount * value - q[step.o, step.a]
             )
-            _renew(q, highest, greedy, tree, step.o, constants.takes_lowest)
+            _renew(q, highest, greedy, largest, step.o, constants.takes_lowest)
             value = highest[step.o]
 
 
@@ -213,7 +192,7 @@ def _compile_learn(update: UpdateRule) -> Callable[..., int]:
         q: Floats,
         highest: Floats,
         greedy: Ints,
-        tree: Floats,
+        largest: Floats,
         halves: Floats,
         traced: Ints,
         weights: Floats,
@@ -233,14 +212,14 @@ def _compile_learn(update: UpdateRule) -> Callable[..., int]:
             for j in range(n_traces):
                 o_traced, a_traced = divmod(U(traced[j]), U(N_ACTIONS))
                 q[o_traced, a_traced] += rate * error * weights[j]
-                _renew(q, highest, greedy, tree, o_traced, takes_lowest)
+                _renew(q, highest, greedy, largest, o_traced, takes_lowest)
             return n_traces
         if has_two_tables:
             halves[o, half, a] += rate * (target - halves[o, half, a])
             q[o, a] = (halves[o, 0, a] + halves[o, 1, a]) / 2
         else:
             q[o, a] += rate * (target - q[o, a])
-        _renew(q, highest, greedy, tree, o, takes_lowest)
+        _renew(q, highest, greedy, largest, o, takes_lowest)
         return 0
 
     return learn  # type: ignore[no-any-return]
@@ -276,14 +255,14 @@ def _compile_agent(update: UpdateRule) -> Callable[..., None]:
         ) = constants
         budget, by_episode, record_every, points, map_index = plan
         explore_below, decay = U(round(epsilon * 2**32)), discount * trace_decay
-        has_tree = results.table_max_q.shape[1] > 0
+        has_largest = results.table_max_q.shape[1] > 0
         q, max_q = results.q[n], results.max_q[n]
-        table_max_q = results.table_max_q[n] if has_tree else np.empty_like(max_q)
+        table_max_q = results.table_max_q[n] if has_largest else np.empty_like(max_q)
         q[:] = initial
         highest = np.full(n_observations, initial)  # action value of each observation
         greedy = np.full(n_observations, 1 if takes_lowest else ALL_ACTIONS)  # masks
-        # no inner nodes if the largest value of the table is not recorded
-        tree = _new_tree(n_observations, initial) if has_tree else np.empty(2)
+        # the largest value of the table; infinite, so that it stays, if that is not recorded
+        largest = np.full(1, initial if has_largest else np.inf)
         # the two tables whose mean is q
         halves = np.full((n_observations if has_two_tables else 0, 2, N_ACTIONS), initial)
         rows = halves.reshape(-1, N_ACTIONS)
@@ -306,7 +285,7 @@ def _compile_agent(update: UpdateRule) -> Callable[..., None]:
             while goes_on:
                 if is_recorded:
                     highest_met = max(highest_met, highest[o])
-                    table_highest = max(table_highest, tree[1])
+                    table_highest = max(table_highest, largest[0])
 
                 # Act
                 is_chosen = begins or not is_on_policy
@@ -335,7 +314,7 @@ def _compile_agent(update: UpdateRule) -> Callable[..., None]:
                     )
                 rate, target = first_rate / (1.0 + steps / halved_after), reward + discount * value
                 n_traces = learn(
-                    q, highest, greedy, tree, halves, traced, weights,
+                    q, highest, greedy, largest, halves, traced, weights,
                     0 if begins or not (greedy[o] >> a) & U(1) else n_traces,
                     decay, takes_lowest, o, a, half, rate, target,
                 )  # fmt: skip
@@ -347,7 +326,7 @@ def _compile_agent(update: UpdateRule) -> Callable[..., None]:
                 begins = outcome.terminates or episode_steps == limit
                 if begins:
                     episode, ends = kept[:episode_steps], outcome.terminates
-                    _pass_back(q, highest, greedy, tree, episode, constants, rate, o_next, ends)
+                    _pass_back(q, highest, greedy, largest, episode, constants, rate, o_next, ends)
                     state, stream = draw_start(starts, stream)
                     o = U(observation[state])
                     episodes += 1

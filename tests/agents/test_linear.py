@@ -37,7 +37,8 @@ CROWD: Changes = {"grid.rows": 5, "grid.columns": 6, "issuer.places": 3, "onlook
 def test_tiles_of_two_tilings_by_hand(
     scenario: str, observation: str, overrides: Any, shape: tuple[int, int], width: int, shift: int
 ) -> None:
-    tiles = tiles_of(model_of(scenario, observation, **overrides), 2, 4).tiles.reshape(*shape, 2)
+    features = tiles_of(model_of(scenario, observation, **overrides), 2, 4)
+    tiles = features.tiles[features.rows].reshape(*shape, 2)
     rows, columns = np.indices(shape)
     per_row, per_shifted = -(-shape[1] // width), -(-(shape[1] + shift) // width)
     first = rows // width * per_row + columns // width

@@ -124,9 +124,6 @@ def test_settings_have_sb3s_names_and_defaults(name: str) -> None:
         ("sb3_ppo", {"policy_kwargs": {"net_arc": [5]}}, r"did you mean net_arch\?"),
         ("compiled_dqn", {"policy_kwargs": {"features_extractor_class": "a:B"}},
          "mine.toml: policy_kwargs.features_extractor_class: accepted: .* sb3_dqn or sb3_ppo"),
-        ("stable_baselines3:PPO",
-         {"policy_kwargs": {"features_extractor_class": "torch.nn:Linear"}},
-         "PPO cannot be trained: policy_kwargs: features_extractor_class torch.nn:Linear: accept"),
     ],
 )  # fmt: skip
 def test_settings_that_cannot_be_are_refused(name: str, values: Changes, expected: str) -> None:
@@ -179,14 +176,12 @@ def test_people_are_embedded_alike_and_added_up(n_first: int) -> None:
     ("changes", "observation", "arguments", "expected"),
     [
         # 2 + 2 * 3 numbers would pass for those of three people without badges
-        ({}, "coordinates", {}, "per_person = 2, sees_agent = true; accepted: per_person = 3, "),
-        ({}, "centred", {"per_person": 1}, "per_person = 1, .* accepted: per_person = 3, "),
-        ({}, "relative_centred", {"per_person": 3}, "accepted: per_person = 3, sees_agent = false"),
-        ({}, "coordinates", {"per_person": 3, "sees_agent": False}, "accepted: .*agent = true"),
-        ({"onlookers.badge": False}, "coordinates", {"per_person": 3}, "accepted: per_person = 2,"),
-        ({}, "factored", {"per_person": 3}, "factored of agent, issuer; accepted: coord"),
+        ({}, "coordinates", {}, '"per_person": 2, .*accepted: .*"per_person": 3, '),
+        ({}, "relative_centred", {"per_person": 3}, 'accepted: .*"sees_agent": false'),
+        ({"onlookers.badge": False}, "centred", {"per_person": 3}, 'accepted: .*"per_person": 2'),
+        ({}, "factored", {"per_person": 3}, "factored of .*; accepted: coord"),
         ({"observe": ["agent", "issuer", "wrong_pings"]}, "coordinates", {"per_person": 3},
-         "of agent, issuer, wrong_pings; accepted: coordinates"),
+         "'wrong_pings'.*; accepted: coord"),
     ],
 )  # fmt: skip
 def test_what_is_not_made_of_people_is_refused(

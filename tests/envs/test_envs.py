@@ -6,6 +6,7 @@ import warnings
 from typing import Any
 
 import gymnasium
+import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
@@ -32,6 +33,14 @@ def test_id_works_without_another_import_and_stays_light() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "1.0 []"
+
+
+@pytest.mark.parametrize(("limit", "expected"), [({}, [199]), ({"max_episode_steps": -1}, [])])
+def test_registered_time_limit_and_how_to_lift_it(limit: Changes, expected: list[int]) -> None:
+    env = gymnasium.make_vec("envs:Proxemic/S1-v0", num_envs=3, **limit)
+    env.reset(seed=0)
+    up = np.zeros(3, dtype=int)  # into the wall: an episode without end
+    assert np.flatnonzero([env.step(up)[3].all() for _ in range(201)]).tolist() == expected
 
 
 def test_step_returns_python_values() -> None:

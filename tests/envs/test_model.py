@@ -2,11 +2,9 @@
 
 import pickle
 
-import numpy as np
 import pytest
 
-from envs import Model, Scenario, compile_scenario, load_scenario
-from envs.model import _compile
+from envs import compile_scenario, load_scenario
 
 
 @pytest.mark.parametrize(
@@ -45,35 +43,3 @@ def test_models_are_shared_read_only_and_pickle_and_print_small() -> None:
         model.grid_reward[0, 0] = 1.0
     assert len(pickle.dumps(model)) < 5000
     assert pickle.loads(pickle.dumps(model)) is model
-
-
-def model_of(scenario: Scenario) -> Model:
-    """Compiles a scenario anew."""
-    model: Model = _compile.__wrapped__(scenario)
-    return model
-
-
-def assert_same_arrays(ours: Model, theirs: Model) -> None:
-    for our, their in ((ours, theirs), *zip(ours.components, theirs.components, strict=True)):
-        for name, values in vars(our).items():
-            if isinstance(values, np.ndarray):
-                assert values.dtype == getattr(their, name).dtype
-                np.testing.assert_array_equal(values, getattr(their, name), name)
-
-
-def test_compiling_in_chunks_makes_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
-    others = [{"position": [0, 1], "walk": {"corners": [[0, 3]]}}]
-    changes = {
-        "issuer.places": 7,
-        "issuer.feedback": {"kind": "noisy", "noise": 0.5},
-        "others": others,
-    }
-    scenario = load_scenario("TwoTalking", changes)
-    whole = model_of(scenario)
-    assert len(whole.observation) == 7 * 4 * 5 * 120
-    for n_states in (5000, 1):  # two places at once, and one
-        monkeypatch.setattr("envs.model._STATES_AT_ONCE", n_states)
-        assert_same_arrays(model_of(scenario), whole)
-        large = compile_scenario(scenario)
-        assert compile_scenario(scenario) is large
-        assert_same_arrays(large, whole)
