@@ -183,7 +183,7 @@ def snapshots(tables: Floats, final: Floats, schedule: Schedule, *, is_value: bo
 
 
 def check_training(training: Training, model: Model, n_agents: int, schedule: Schedule) -> None:
-    """Refuses, by a ValueError, trainings of other shapes, and a training without policies."""
+    """Refuses, by a ValueError, trainings of other shapes."""
     n_steps, n_maps = len(schedule.evaluation_steps), len(schedule.map_steps)
     table = n_observations, n_actions = model.n_observations, len(ACTIONS)
     accepted: dict[str, list[tuple[int, ...]]] = {  # without the axis N
@@ -201,7 +201,3 @@ def check_training(training: Training, model: Model, n_agents: int, schedule: Sc
             raise ValueError(
                 f"{field.name}: shape {shape}; accepted: {' or '.join(map(str, shapes))}."
             )
-    if training.q.shape[1] == 0 and training.stochastic.shape[1] == 0 and n_steps:
-        raise ValueError(
-            "q, stochastic: both are empty; accepted: action values, probabilities, or both."
-        )

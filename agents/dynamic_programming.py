@@ -69,15 +69,11 @@ def evaluate(model: Model, policy: Policy, horizon: int, start: str = "start") -
     """Computes the expected return of a policy under a time limit, and other expectations.
 
     Leading axes of the policy, (..., O, A), are a batch. Episodes are truncated after `horizon`
-    steps, at least 1, and start as in `from_starts`. A ValueError is raised if the policy does not
-    fit the model.
+    steps, at least 1, and start as in `from_starts`. A policy whose rows are no probabilities is a
+    ValueError.
     """
     shape = model.n_observations, len(ACTIONS)
     policy = np.asarray(policy, dtype=np.float64)
-    if policy.shape[-2:] != shape:
-        raise ValueError(
-            f"policy: shape {policy.shape}; this model takes (..., {shape[0]}, {shape[1]})."
-        )
     if policy.size and not (policy.min() >= 0 and abs(policy.sum(axis=-1) - 1.0).max() <= 1e-9):
         raise ValueError("policy: rows must be probabilities that sum to one.")
     # If some were read-only, `_sweep` would be compiled again.
@@ -200,11 +196,9 @@ def solve(
     """Computes the optimal values of a model for an agent that knows its state, by value iteration.
 
     They are upper bounds for an agent from which something is hidden. Without `issuer_rewards`, the
-    grid's rewards count alone. A horizon of None means no time limit; the discount must
-    then be below 1, else a ValueError is raised.
+    grid's rewards count alone. A horizon of None means no time limit; the discount must then be
+    below 1.
     """
-    if horizon is None and not 0 <= discount < 1:
-        raise ValueError(f"discount = {discount}; without a horizon it must lie in [0, 1).")
     reward = model.grid_reward + model.issuer_reward if issuer_rewards else model.grid_reward
     value = np.zeros(len(model.observation))
     q = np.zeros_like(reward)

@@ -54,8 +54,7 @@ def people_table(model: Model, observation: str, arguments: PeopleArguments) -> 
     table = observation_table(model, observation)
     agent, people = np.split(table, [2 * arguments.sees_agent], axis=1)
     people = people.reshape(len(table), -1, arguments.per_person)
-    shape = *people.shape[:2], -1
-    agent = np.broadcast_to(agent[:, None], (*shape[:2], agent.shape[1]))
-    marks = np.eye(shape[1])[:, : int(arguments.marks_first)]
-    marks = np.broadcast_to(marks, (*shape[:2], marks.shape[1]))
+    n_people = people.shape[1]
+    agent = agent[:, None].repeat(n_people, axis=1)
+    marks = np.eye(n_people)[None, :, : int(arguments.marks_first)].repeat(len(table), axis=0)
     return np.concatenate([agent, people, marks], axis=2).astype(np.float32)

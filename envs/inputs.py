@@ -145,12 +145,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 def whole_number(text: str, option: str, low: int, high: int) -> int:
     """Returns an option's number, from `low` to `high`; other texts raise an InputError."""
-    if not (
-        text.isascii()
-        and text.isdecimal()
-        and len(text) <= len(str(high))
-        and low <= int(text) <= high
-    ):
+    if not (re.fullmatch("[0-9]{1,20}", text) and low <= int(text) <= high):
         raise InputError(
             f"{option} {shortened(text)}: accepted: a whole number from {low} to {high:,}."
         )

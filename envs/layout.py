@@ -62,20 +62,17 @@ class Layout:
     @cached_property
     def following(self) -> tuple[Ints, Floats]:
         """The K ticks that may follow each tick, (ticks, K), and their probabilities."""
-        n, stages = len(self.ticks), self.stages
-        if stages[0].next is None:
-            return (np.arange(n)[:, None] + 1) % n, np.ones((n, 1))
-        index = {stage.name: i for i, stage in enumerate(stages)}
-        n_outcomes = 1 + max(len(stage.next or {}) for stage in stages)
-        ticks, probability = (
-            np.arange(n)[:, None].repeat(n_outcomes, axis=1),
-            np.zeros((n, n_outcomes)),
-        )
-        for i, stage in enumerate(stages):
-            chances = stage.next or {}
-            for k, (name, chance) in enumerate(chances.items(), start=1):
-                ticks[i, k], probability[i, k] = index[name], chance
-            probability[i, 0] = max(1.0 - math.fsum(chances.values()), 0.0)
+        tick = np.arange(len(self.ticks))[:, None]
+        if self.stages[0].next is None:
+            return (tick + 1) % len(tick), np.ones(tick.shape)
+        names = [stage.name for stage in self.stages]
+        chances = [stage.next or {} for stage in self.stages]
+        ticks = tick.repeat(1 + max(map(len, chances)), axis=1)
+        probability = np.zeros(ticks.shape)
+        for i, others in enumerate(chances):
+            for k, (name, chance) in enumerate(others.items(), start=1):
+                ticks[i, k], probability[i, k] = names.index(name), chance
+            probability[i, 0] = max(1.0 - math.fsum(others.values()), 0.0)
         return ticks, probability
 
     @cached_property

@@ -15,7 +15,7 @@ and learners bootstrap through it.
 import math
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache, partial, wraps
+from functools import cached_property, lru_cache, wraps
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
@@ -150,11 +150,6 @@ class Model:
     def position(self) -> Ints:
         """(C, 2) row and column of each cell."""
         return self.scenario.grid.position
-
-    @property
-    def zone_of_cell(self) -> Codes:
-        """(F,) index into ZONES of each fresh state; in S1 to S3 of each cell."""
-        return self.zone[self.fresh_state]
 
     @cached_property
     def is_over(self) -> Bools:
@@ -526,11 +521,16 @@ def _own_rewards(
     can_ping = (layout.zone != ISSUER) & ~scenario.grid.is_wall
     for j, phase, c in np.argwhere(is_nearest[:, :, 0] & can_ping).tolist():
         its = [it for it in scenario.people_in(j, phase) if it.feedback][person]
-        agent, distances = (
-            divmod(c, scenario.grid.columns),
-            (int(far[j, phase, c]), int(from_start[j])),
+        ping = Ping(
+            agent=divmod(c, scenario.grid.columns),
+            person=its.position,
+            heading=its.heading,
+            distance=int(far[j, phase, c]),
+            farthest=int(from_start[j]),
+            zone=ZONES[layout.zone[j, phase, c]],
+            phase=layout.stages[phase].name,
+            wrong_pings=0,
         )
-        where = ZONES[layout.zone[j, phase, c]], layout.stages[phase].name
-        seen = partial(Ping, agent, its.position, its.heading, *distances, *where)
-        rewards[:, j, phase, :, c] = feedback.answers([*map(seen, range(n_pings))], scenario.name)
+        pings = [ping._replace(wrong_pings=n) for n in range(n_pings)]
+        rewards[:, j, phase, :, c] = feedback.answers(pings, scenario.name)
     return rewards

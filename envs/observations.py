@@ -10,7 +10,6 @@ same encoding.
 
 import json
 import math
-from functools import lru_cache
 from itertools import product
 from typing import Any
 
@@ -21,7 +20,7 @@ from numpy.typing import NDArray
 from envs.arrays import Bytes, Ints, Singles
 from envs.inputs import InputError, unknown_name
 from envs.model import Model, compile_scenario
-from envs.scenario import Scenario, load_scenario
+from envs.scenario import Scenario
 from envs.tiles import tiles_of
 
 _ENCODINGS = ("index", "one_hot", "factored", "tiles", "coordinates", "centred")
@@ -57,15 +56,12 @@ def _check_size(n_observations: int, n_features: int, observation: str) -> None:
 
 
 def _check_planes(scenario: Scenario) -> None:
-    """Refuses, by an InputError, a scenario that planes cannot show, or SB3 would mistake."""
-    first, shape = scenario.observe[0], planes_shape(scenario)
+    """Refuses, by an InputError, a scenario that planes cannot show."""
+    first = scenario.observe[0]
     where = f"observation planes: {scenario.name} with observe = {json.dumps(scenario.observe)}"
     if first != "agent":
         raise InputError(f'{where}; accepted: cells, so "agent" instead of "{first}".')
-    if shape[0] > min(shape[1:]):  # Stable-Baselines3 takes the shortest side for the channels
-        found = f"{where} has {shape[0]} planes of {shape[1]} x {shape[2]} cells"
-        raise InputError(f"{found}; accepted: at least as many rows and columns as planes.")
-    _check_size(scenario.n_observations, math.prod(shape), "planes")
+    _check_size(scenario.n_observations, math.prod(planes_shape(scenario)), "planes")
 
 
 def check_form(observation: str) -> None:
@@ -74,7 +70,6 @@ def check_form(observation: str) -> None:
         unknown_name("observation", "form", str(observation), OBSERVATIONS)
 
 
-@lru_cache(maxsize=256)
 def seen_as(scenario: Scenario, observation: str) -> Scenario:
     """Returns a scenario with the components that an agent is given in a form."""
     check_form(observation)
@@ -84,7 +79,7 @@ def seen_as(scenario: Scenario, observation: str) -> Scenario:
     if not seen or "issuer" not in scenario.observe:
         return scenario
     further = [name for name in scenario.observe if name in ("phase", "wrong_pings")]
-    return load_scenario(scenario, {"observe": [seen, *further]})
+    return scenario.model_copy(update={"observe": (seen, *further)})
 
 
 def compile_seen(scenario: Scenario, observation: str) -> Model:

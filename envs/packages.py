@@ -86,6 +86,5 @@ def _installer(module: str) -> str:
     for extra, packages in extras().items():
         if package_of(module) in packages:
             mark = ".venv/.base" if extra == "reproduce" else f".venv/.{extra}"
-            elsewhere = f"pip install 'CHECKOUT[{extra}]' elsewhere, where CHECKOUT is its path"
-            return f"; in a checkout of this project, make {mark} installs it, and {elsewhere}"
+            return f"; in a checkout of this project, make {mark} installs it"
     return ""

@@ -17,7 +17,6 @@ from envs.scenario import ScenarioLike, load_scenario
 from envs.scene import scene_of
 
 Observation = int | Singles | Bytes
-_INFO = ("event", "zone", "wrong_pings", "grid_reward", "issuer_reward", "is_success")
 
 
 class ProxemicEnv(gymnasium.Env[Observation, int]):
@@ -153,7 +152,7 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         starts = self.model.starts
         self.s = int(starts[int(self.np_random.random() * len(starts)) if len(starts) > 1 else 0])
         self._event = 0
-        return self._observe(), _info(self._event, self.model.zone.item(self.s), 0, 0.0, 0.0, False)
+        return self._observe(), self._info(0, 0.0, 0.0)
 
     def step(self, action: int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Takes an action from 0 to 4, else an InputError; the class describes the result."""
@@ -175,9 +174,7 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
             outcome = int(np.searchsorted(chances, self.np_random.random(), side="right"))
         self.s = model.next_state.item(*at, outcome)
         self._event = model.event.item(at)
-        zone, wrong_pings = model.zone.item(self.s), model.wrong_pings.item(at)
-        is_success = self._event == TARGET_PING
-        info = _info(self._event, zone, wrong_pings, grid_reward, issuer_reward, is_success)
+        info = self._info(model.wrong_pings.item(at), grid_reward, issuer_reward)
         return self._observe(), grid_reward + issuer_reward, model.terminated.item(at), False, info
 
     def render(self) -> Any:
@@ -197,6 +194,12 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         observation = self._observations[self._observed[self.s]]
         return observation if isinstance(observation, int) else observation.copy()
 
-
-def _info(*values: float) -> dict[str, Any]:
-    return dict(zip(_INFO, values, strict=True))
+    def _info(self, wrong_pings: int, grid_reward: float, issuer_reward: float) -> dict[str, Any]:
+        return {
+            "event": self._event,
+            "zone": self.model.zone.item(self.s),
+            "wrong_pings": wrong_pings,
+            "grid_reward": grid_reward,
+            "issuer_reward": issuer_reward,
+            "is_success": self._event == TARGET_PING,
+        }

@@ -21,9 +21,7 @@ def to_text(scene: Scene, agent: int, event: str) -> str:
         for cell in scene.cells_of(kind):
             symbols[cell] = SYMBOLS[kind]
     symbols[agent] = "A"
-    rows = [
-        " ".join(symbols[i : i + scene.columns]) for i in range(0, scene.n_cells, scene.columns)
-    ]
+    rows = [" ".join(symbols[i : i + scene.columns]) for i in range(0, len(symbols), scene.columns)]
     phase = [f"phase: {scene.phase}"] if scene.phase else []
     return "\n".join([*rows, *phase, f"event: {event}"]) + "\n"
 

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from functools import lru_cache
 from itertools import chain, pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import Field, model_validator
 
@@ -34,11 +34,9 @@ from envs.regions import Cell, Grid, Regions, Ring, listed
 from envs.sources import find_modules_in
 
 SCENARIO_DIRECTORY = Path(__file__).parent / "scenarios"
-_MAX_STATES_OF_PLACE = 100_000  # states that are compiled together
 # What can be observed, in the order of an observation.
-COMPONENTS = ("agent", "offset", "relative", "issuer", "phase", "wrong_pings")
-
 Observed = Literal["agent", "offset", "relative", "issuer", "phase", "wrong_pings"]
+COMPONENTS = get_args(Observed)
 
 
 class Rewards(Table):
@@ -240,7 +238,7 @@ class Scenario(Table):
         if walking:
             n = math.lcm(*(walk.steps * len(walk.route(at)) for at, walk in walking.values()))
             where = f"{', '.join(walking)}: it takes {n:,} steps until everybody is back"
-            most = _MAX_STATES_OF_PLACE // (len(self.grid.position) * self.ping_limit)
+            most = MAX_STATES // (len(self.grid.position) * self.ping_limit)
             require(
                 n <= most, where, f"at most {most:,}, with so many cells and so large a ping_limit"
             )
@@ -281,9 +279,6 @@ class Scenario(Table):
         stages, others_at = timeline(issuer, self.others, self.phases)
         n_ticks = sum(stage.steps or 1 for stage in stages)
         n_states = len(self.grid.position) * self.ping_limit * n_ticks * (1 + self.is_delayed)
-        what = "cells x ping_limit x ticks of the phases"
-        where = f"{what} = {n_states} states for each position of the person"
-        require(n_states <= _MAX_STATES_OF_PLACE, where, f"at most {_MAX_STATES_OF_PLACE}")
         n_places = int(self.every_way.has_start.sum())
         if issuer.places is not None:
             n_places = min(n_places, issuer.places + issuer.unseen)
@@ -295,8 +290,8 @@ class Scenario(Table):
             n_places += crowd.ways
         n_outcomes = 1 + max(len(stage.next or {}) for stage in stages)
         n = n_states * n_places * n_outcomes
-        where = f"{what} x places x phases that may follow = {n} states"
-        require(n <= MAX_STATES, where, f"at most {MAX_STATES}")
+        what = "cells x ping_limit x ticks of the phases x places x phases that may follow"
+        require(n <= MAX_STATES, f"{what} = {n} states", f"at most {MAX_STATES}")
 
     def _check_starts(self) -> None:
         every, group, position = self.every_way, self.group, self.issuer.position
@@ -307,14 +302,12 @@ class Scenario(Table):
             is_start = bool(every.is_start[:, :, self.grid.index(cell)].any())
             accepted = "a cell outside every region, from which a way leads to a target region"
             require(is_start, f"grid.start = {json.dumps(cell)}", accepted)
-        own = [] if group else listed(position)
-        unused = [
-            place for place, free in zip(own, every.has_start.tolist(), strict=False) if not free
-        ]
-        where = f"issuer.position = {json.dumps(unused[0] if unused else position)}"
+        is_listed = group is None and position != "anywhere"
+        where = f"issuer.position = {json.dumps(position)}"
         where += " leaves no start that is outside every region and has a way to a target region"
         accepted = "other cells, smaller regions, fewer walls, or another grid.start"
-        require(bool(every.has_start.any()) and not unused, where, accepted)
+        has_start = every.has_start.all() if is_listed else every.has_start.any()
+        require(bool(has_start), where, accepted)
         n, unseen, most = self.issuer.places, self.issuer.unseen, int(every.has_start.sum())
         require(
             n is not None or not unseen, f"issuer.unseen = {unseen}", "0, or issuer.places as well"
@@ -372,12 +365,7 @@ def load_scenario(
             )
     inputs.check_file_name(path, "the scenario is")
     changed = inputs.override(inputs.read_toml(path), overrides or {}, str(path))
-    checked = _checked(json.dumps(changed, default=str), path)
+    checked = inputs.parse(Scenario, changed, str(path), name=path.stem)
     if checked.own_feedback:
         find_modules_in(str(path.parent.resolve()))
     return checked
-
-
-@lru_cache(maxsize=256)  # experiments load the same scenarios again and again
-def _checked(values: str, path: Path) -> Scenario:
-    return inputs.parse(Scenario, json.loads(values), str(path), name=path.stem)

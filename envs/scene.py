@@ -92,11 +92,6 @@ class Scene:
     # row, column and radius of the circle of people who talk
     circle: tuple[float, float, float] | None
 
-    @property
-    def n_cells(self) -> int:
-        """O."""
-        return self.rows * self.columns
-
     def cells_of(self, kind: str) -> list[int]:
         """Returns the cells of the glyphs of a kind."""
         return [glyph.cell for glyph in self.glyphs if glyph.kind == kind]

@@ -12,7 +12,6 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from agents.contract import Training
 from agents.linear.kernel import train
 from agents.process import process_of
 from agents.tabular.learner import TraceSettings, ValueAlgorithm
@@ -35,13 +34,12 @@ class LinearSettings(TraceSettings):
     weights for each person ("agent_pairs") or the same for all ("shared_pairs")."""
 
 
-class LinearAlgorithm(ValueAlgorithm[Training]):
+class LinearAlgorithm(ValueAlgorithm):
     """Q(lambda) or Sarsa(lambda) over tile coding, or over the features of a sparse form."""
 
     family = "linear"
     observations = tuple(form for form, kind in ENCODINGS.items() if kind in _FEATURES)
     settings = LinearSettings
-    training = Training
 
     def __init__(self, *, is_on_policy: bool) -> None:
         self.is_on_policy = is_on_policy

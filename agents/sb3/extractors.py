@@ -13,15 +13,13 @@ from gymnasium import spaces
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
-from envs.inputs import InputError
-
 
 class PeopleExtractor(BaseFeaturesExtractor):
     """Embeds people by one net, and adds the embeddings (Zaheer et al. 2017, "Deep sets").
 
     So the order of people does not matter, except who comes first, if that is marked. The net is
-    given coordinates of the agent's cell, if it is seen, with those of each person. In training,
-    `agents.people.check_people` makes sure that observations hold nothing else.
+    given coordinates of the agent's cell, if it is seen, with those of each person. Observations
+    must hold nothing else.
     """
 
     def __init__(
@@ -41,17 +39,9 @@ class PeopleExtractor(BaseFeaturesExtractor):
           per_person: Numbers for each person: row and column, and a third one with badges.
           marks_first: Whether the net is told who is the first person.
           sees_agent: Whether row and column of the agent's cell come before people.
-
-        Raises:
-          InputError: Observations do not have two numbers for an agent that is seen and
-            `per_person` for each person.
         """
         self.n_first = 2 * sees_agent
-        n_people, rest = divmod(math.prod(observation_space.shape) - self.n_first, per_person)
-        if len(observation_space.shape) != 1 or n_people < 1 or rest:
-            found = f"PeopleExtractor: observations of shape {observation_space.shape}"
-            numbers = f"{self.n_first} of the agent and per_person = {per_person} of each person"
-            raise InputError(f"{found}; accepted: coordinates, {numbers}.")
+        n_people = (observation_space.shape[0] - self.n_first) // per_person
         super().__init__(observation_space, width)
         self.marks: torch.Tensor  # (people, 0 or 1)
         self.register_buffer("marks", torch.eye(n_people)[:, : int(marks_first)], persistent=False)
@@ -76,10 +66,7 @@ class PlanesExtractor(BaseFeaturesExtractor):
     """Two layers of convolutions, for small images: SB3's own net needs 36 x 36 pixels."""
 
     def __init__(self, observation_space: spaces.Box, n_features: int = 128) -> None:
-        """Makes the net for a space of images, as "planes" has; others raise an InputError."""
-        if len(observation_space.shape) != 3:
-            found = f"PlanesExtractor: observations of shape {observation_space.shape}"
-            raise InputError(f"{found}; accepted: images, such as those of the form planes.")
+        """Makes the net for a space of images, as "planes" has."""
         super().__init__(observation_space, n_features)
         n_planes, rows, columns = observation_space.shape
         self.net = nn.Sequential(

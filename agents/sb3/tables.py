@@ -4,7 +4,6 @@ It knows what a net is given for an observation, after its wrappers.
 """
 
 from collections.abc import Callable
-from inspect import signature
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,14 +18,10 @@ from envs.inputs import InputError
 from envs.model import ACTIONS
 from envs.observations import observation_space, observation_table
 
-# Arguments of methods that decide. A state is a memory only if a method returns one, too.
-_ARGUMENTS = {"state", "episode_start", "deterministic", "args", "kwargs"}
 _PRECISION = 1e-5  # observations have single precision
 _FUNCTION = (
     "a function that does so, such as lambda o: model.predict(wrapped(o), deterministic=True)"
 )
-
-_AT_ONCE = 20_000  # observations, to save memory
 
 
 class Output(NamedTuple):
@@ -55,18 +50,13 @@ def output_of(agent: BaseAlgorithm) -> Output:
     )
 
 
-def _batches(observations: torch.Tensor) -> list[torch.Tensor]:
-    return [observations[i : i + _AT_ONCE] for i in range(0, len(observations), _AT_ONCE)]
-
-
 def policy_table(agent: BaseAlgorithm, observations: torch.Tensor) -> Floats:
     """Returns (O, A) action values or probabilities; not finite after divergence."""
     output = output_of(agent)
     agent.policy.set_training_mode(False)
     with torch.no_grad():
         try:
-            outputs = torch.cat([output.read(batch) for batch in _batches(observations)])
-            table = outputs.cpu().numpy().astype(np.float64)
+            table = output.read(observations).cpu().numpy().astype(np.float64)
         except ValueError:  # torch refuses probabilities that are not finite
             return np.full((len(observations), len(ACTIONS)), np.nan)
     return table if output.is_value else table / table.sum(axis=1, keepdims=True)
@@ -74,28 +64,13 @@ def policy_table(agent: BaseAlgorithm, observations: torch.Tensor) -> Floats:
 
 def readable_table(agent: BaseAlgorithm, observations: torch.Tensor) -> Floats:
     """Returns `policy_table` of any agent; raises an exception if a table is not enough."""
-    name = type(agent).__name__
-    methods = (agent.predict, getattr(agent.policy, "get_distribution", agent.predict))
-    extra = {
-        argument for method in methods for argument in [*signature(method).parameters][1:]
-    } - _ARGUMENTS
-    if extra:
-        raise ValueError(
-            f"{name} needs more than the observation: it takes {', '.join(sorted(extra))}"
-        )
     table = policy_table(agent, observations)
     if table.shape != (len(observations), len(ACTIONS)) or not np.isfinite(table).all():
         policy = type(agent.policy).__name__
         raise ValueError(f"{policy} gives no finite number for each of the {len(ACTIONS)} actions")
-    answers = [
-        agent.predict(batch.cpu().numpy(), deterministic=True) for batch in _batches(observations)
-    ]
-    actions, memory = np.concatenate([action for action, _ in answers]), answers[0][1]
-    if (
-        memory is not None
-        or not np.isclose(table[np.arange(len(table)), actions], table.max(axis=1)).all()
-    ):
-        raise ValueError(f"predict of {name} has a memory, or returns other actions than its net")
+    actions, _ = agent.predict(observations.cpu().numpy(), deterministic=True)
+    if not np.isclose(table[np.arange(len(table)), actions], table.max(axis=1)).all():
+        raise ValueError(f"predict of {type(agent).__name__} returns other actions than its net")
     return table
 
 
@@ -116,7 +91,7 @@ def agent_table(agent: BaseAlgorithm, model: Model, observation: str) -> tuple[F
                 setting = f'{model.scenario.name} with observation = "{observation}"'
                 raise InputError(f"agent: {kind}_space = {given}; accepted in {setting}: {space}.")
         last: Any = agent._last_obs
-        if not _has_rows(observations, last) or (last is None and agent.num_timesteps > 0):
+        if agent.num_timesteps > 0 and (last is None or not _has_rows(observations, last)):
             what = "its last observation in training is missing, or not of this scenario and form"
             raise InputError(f"agent: {what}; accepted: {_FUNCTION}.")
         table = readable_table(agent, torch.as_tensor(observations, device=agent.device))
@@ -131,10 +106,10 @@ def agent_table(agent: BaseAlgorithm, model: Model, observation: str) -> tuple[F
 
 
 def _has_rows(table: NDArray[Any], rows: Any) -> bool:
-    """Returns whether a table has all these rows; None stands for no rows."""
-    flat = table.reshape(len(table), -1)
-    each = np.unique(np.reshape([] if rows is None else rows, (-1, flat.shape[1])), axis=0)
-    return all(np.isclose(flat, row, _PRECISION, _PRECISION).all(axis=1).any() for row in each)
+    """Returns whether a table has all these rows."""
+    flat = table.reshape(len(table), -1).astype(np.float64)
+    each = np.reshape(rows, (-1, flat.shape[1]))
+    return all(abs(flat - row).max(axis=1).min() <= _PRECISION for row in each)
 
 
 def first_line(error: Exception) -> str:

@@ -24,13 +24,10 @@ from stable_baselines3.common.vec_env import VecEnv
 from torch.optim.optimizer import register_optimizer_step_post_hook
 
 from agents.contract import Fields, Schedule, snapshots
-from agents.people import PeopleArguments, check_people
-from agents.sb3.extractors import PeopleExtractor
 from agents.sb3.settings import Sb3Settings
 from agents.sb3.tables import first_line, output_of, policy_table, readable_table
 from agents.sb3.vec_env import SB3VecEnv
-from envs import InputError, Model, Scenario, compile_scenario, load_scenario
-from envs.inputs import parse
+from envs import Model, Scenario, compile_scenario, load_scenario
 from envs.model import ACTIONS
 from envs.observations import compile_seen, observation_table
 
@@ -126,11 +123,6 @@ def train_agent(
     schedule: Schedule,
 ) -> Fields:
     """Trains an agent of a class, see `agents.contract.SequentialAlgorithm`."""
-    policy = settings.arguments.get("policy_kwargs", {})
-    if policy.get("features_extractor_class") is PeopleExtractor:
-        given = policy.get("features_extractor_kwargs", {})
-        where = "policy_kwargs.features_extractor_kwargs"
-        check_people(model, observation, parse(PeopleArguments, given, where))
     with _isolated(seed) as (env_seed, action_seed):
         env = SB3VecEnv(model, observation, settings.n_envs, settings.time_limit)
         env.seed(env_seed)
@@ -144,9 +136,6 @@ def train_agent(
         hook = register_optimizer_step_post_hook(lambda *_: updates.append(None))
         try:
             agent.learn(settings.budget, callback=kept, log_interval=None)  # type: ignore[arg-type]
-            if agent.num_timesteps != settings.budget and not kept.has_ended:
-                found = f"{cls.__name__}: trained for {agent.num_timesteps} steps"
-                raise InputError(f"{found}; accepted: the budget of {settings.budget}.")
             kept.keep_policy(before=settings.budget + 1)
         except ValueError:  # torch, too, refuses to draw from probabilities that are not finite
             if np.isfinite(policy_table(agent, observations)).all():

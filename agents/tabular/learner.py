@@ -9,7 +9,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, Any, Generic, Literal, Self, TypeVar
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.random import SeedSequence
@@ -30,8 +30,7 @@ from envs.model import ACTIONS, Model
 # has a version, too; both only rise, so their sum is new after every change.
 VERSION = 3
 
-TrainingT = TypeVar("TrainingT", bound=Training)
-MAX_RECORDS = 10_000_000  # records of the largest action value that an agent may have
+MAX_STEPS = 10_000_000  # of an episode that is kept for backward passes
 
 
 class ValueSettings(LearnerSettings):
@@ -82,9 +81,6 @@ class Settings(ValueSettings):
 
     @model_validator(mode="after")
     def _settings_fit(self) -> Self:
-        if self.budget > MAX_RECORDS * self.record_every:
-            where = f"record_every = {self.record_every} with budget = {self.budget}"
-            raise ValueError(f"{where}: accepted: at most {MAX_RECORDS:,} records")
         if self.budget_unit == "episodes" and self.epsilon == 0 and self.time_limit is None:
             raise ValueError(
                 'budget_unit = "episodes" with epsilon = 0 may never end; set time_limit'
@@ -104,9 +100,9 @@ class TraceSettings(ValueSettings):
 
     @model_validator(mode="after")
     def _episodes_fit(self) -> Self:
-        if self.backward_passes and (self.time_limit or math.inf) > MAX_RECORDS:
+        if self.backward_passes and (self.time_limit or math.inf) > MAX_STEPS:
             raise ValueError(
-                f"backward_passes = {self.backward_passes} needs time_limit <= {MAX_RECORDS:,}"
+                f"backward_passes = {self.backward_passes} needs time_limit <= {MAX_STEPS:,}"
             )
         return self
 
@@ -126,12 +122,12 @@ class TabularTraining(Training):
     episodes_ended: Ints  # (N,)
 
 
-class ValueAlgorithm(Algorithm, Generic[TrainingT]):
+class ValueAlgorithm(Algorithm):
     """An algorithm that learns action values in a compiled loop, `batch_size` agents in a call."""
 
     packages = ("numba",)
     placement = "thread"
-    training: type[TrainingT]
+    training: type[Training] = Training
 
     @abstractmethod
     def loop(
@@ -150,7 +146,7 @@ class ValueAlgorithm(Algorithm, Generic[TrainingT]):
         observation: str,
         seeds: Sequence[SeedSequence],
         schedule: Schedule,
-    ) -> TrainingT:
+    ) -> Training:
         """Trains agents; raises an InputError if their loop needs too much memory."""
         loop, n_parameters = self.loop(model, settings, observation)
         n_agents, n_steps, n_maps = (
@@ -202,7 +198,7 @@ class ValueAlgorithm(Algorithm, Generic[TrainingT]):
         return result
 
 
-class TabularAlgorithm(ValueAlgorithm[TabularTraining]):
+class TabularAlgorithm(ValueAlgorithm):
     """An algorithm that learns a table by an update rule, which has its settings and version."""
 
     family: Family = "tabular"

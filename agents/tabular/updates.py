@@ -53,11 +53,6 @@ class UpdateRule:
     has_traces: bool = False
     version: int = 0  # raise it when a change alters what is learned
 
-    def __post_init__(self) -> None:
-        """Refuses, by a ValueError, traces with two tables or with the next action."""
-        if self.has_traces and (self.has_two_tables or self.is_on_policy):
-            raise ValueError("has_traces: not with is_on_policy or has_two_tables.")
-
 
 def greatest_value(after: Successor) -> float:
     """Returns the value of the best action, as in Q-learning (Watkins & Dayan 1992)."""

@@ -94,10 +94,6 @@ MISTAKES: list[tuple[Changes, str]] = [
         PAIR | {"group.people": 6, "group.apart": [0, 20]},
         "of the 6 people of the group can stand in",
     ),
-    (
-        {"ping_limit": 834},
-        "100080 states for each position of the person: accepted: at most 100000",
-    ),
     # 120 cells x 5 wrong PINGs x 21 phases x 20 positions = 252,000 states.
     (
         {
