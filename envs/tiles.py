@@ -38,10 +38,9 @@ class Tiles(NamedTuple):
 
 def _sets(positions: Sequence[T], scenario: Scenario, parts: Parts) -> list[tuple[T, ...]]:
     """Returns which positions are tiled together; an agent's comes first."""
-    if parts == "joint":
-        return [tuple(positions)]
     n_agents = int(scenario.observe[0] == "agent")
-    return [(*positions[:n_agents], person) for person in positions[n_agents:]]
+    pairs = [(*positions[:n_agents], person) for person in positions[n_agents:]]
+    return pairs if pairs and parts != "joint" else [tuple(positions)]
 
 
 @kept_with_model
