@@ -189,13 +189,12 @@ def test_what_is_not_made_of_people_is_refused(
 ) -> None:
     crowd = {"onlookers": {"people": 1, "ways": 8, "badge": True}, "issuer.places": 4}
     model = compile_seen(load_scenario("Anywhere", crowd | changes), observation)
-    policy = PolicyArguments(
-        features_extractor_class="agents.sb3.extractors:PeopleExtractor",
-        features_extractor_kwargs=arguments,
-    )
-    settings, schedule = DQN.model_copy(update={"policy_kwargs": policy}), Schedule(400, (0, 400))
+    people = "agents.sb3.extractors:PeopleExtractor"
+    policy = {"features_extractor_class": people, "features_extractor_kwargs": arguments}
+    algorithm: Any = COMPILED["compiled_dqn"]
+    settings = parse(algorithm.settings, {"budget": 400, "policy_kwargs": policy}, "mine.toml")
     with pytest.raises(InputError, match=f"^PeopleExtractor in Anywhere: .*{expected}"):
-        algorithms.DQN.train(model, settings, observation, [SeedSequence(1)], schedule)
+        algorithm.train(model, settings, observation, [SeedSequence(1)], Schedule(400, (0, 400)))
 
 
 @pytest.mark.parametrize(
