@@ -86,8 +86,8 @@ class Ladder(Table):
     """Rungs, each with more knowledge than the one before."""
 
     grids: Annotated[Names, Field(min_length=1)]
-    """The grids where they are compared. Figures show points at which the first rung runs, and
-    there a learner that runs at one point only as it is at this one."""
+    """The grids where they are compared. Figures show all points; a learner that runs at one point
+    only is shown at each as it is there."""
     rungs: Annotated[tuple[Rung, ...], Field(min_length=1)]
     """The rungs."""
 
@@ -454,9 +454,11 @@ def ladder(data: Data) -> Figure | None:
         return None
     cells, rungs = data.tables["cells"].set_index(KEYS), declared.rungs
     on_ladder = [key for key in cells.index if key[0] in declared.grids]
-    points = [*dict.fromkeys(key[1] for key in on_ladder if key[2] == rungs[0].tiles)]
-    n_points = Counter(key[2] for key in on_ladder)
     known = {key[1:]: key for key in on_ladder}  # by point and learner
+    n_points, points = (
+        Counter(learner for _, learner in known),
+        [*dict.fromkeys(at for at, _ in known)],
+    )
     known |= {(at, key[2]): key for key in on_ladder if n_points[key[2]] == 1 for at in points}
     names = [next(iter(rung.nets), "") for rung in rungs]
     with figure_of(2, len(points), (WIDTH, 5.6)) as (figure, axes):
@@ -464,11 +466,12 @@ def ladder(data: Data) -> Figure | None:
             for axis, name in zip(column, _ROWS, strict=True):
                 for i, rung in enumerate(rungs):
                     learners = [rung.tiles, *[*rung.nets.values()][:1]]
-                    keys = [known[point, each] for each in learners if (point, each) in known]
-                    own = cells.loc[keys]
-                    at = i + np.array([-0.13, 0.13])[: len(own)]
+                    sides = zip((i - 0.13, i + 0.13), learners, _SIDES, strict=False)
+                    there = [side for side in sides if (point, side[1]) in known]
+                    own = cells.loc[[known[point, learner] for _, learner, _ in there]]
+                    at = np.array([at for at, _, _ in there])
                     axis.plot(at, _shown(data, own, name)[0], color="0.5", lw=1, zorder=1)
-                    for k, look in enumerate(_SIDES[: len(own)]):
+                    for k, (_, _, look) in enumerate(there):
                         _draw(data, axis, at[[k]], own.iloc[[k]], name, look)
                 axis.set_xticks(range(len(rungs)), [""] * len(rungs))
                 axis.set_xlim(-0.5, len(rungs) - 0.5)
@@ -476,8 +479,8 @@ def ladder(data: Data) -> Figure | None:
             column[1].axhline(_chance(data), **_CHANCE)
             titles = [rung.title for rung in rungs]
             column[1].set_xticklabels(titles, rotation=40, ha="right", rotation_mode="anchor")
-        sides = "tile coding", next(filter(None, names), "net")
-        marks = dict(zip(sides, (Line2D([], [], **look) for look in _SIDES), strict=True))
+        titles = ["tile coding", next(filter(None, names), "net")]
+        marks = dict(zip(titles, (Line2D([], [], **look) for look in _SIDES), strict=True))
         figure.supxlabel("what learners are told (more →)", fontsize="medium")
         _finish(data, figure, axes, marks | {"chance": Line2D([], [], **_CHANCE)})
     return figure
