@@ -565,7 +565,7 @@ FIGURES: Final[dict[str, FigureFunction]] = {"ladder": ladder, "along": along}
 SHOWN: Final = {
     "rungs": (
         "rung point net tiles_n_solved net_n_solved tiles_steps net_steps net_wins"
-        " tiles_unseen_success net_unseen_success tiles_new_way_success net_new_way_success"
+        " tiles_unseen_success net_unseen_success"
     ),
     "contrasts": "grid point x y n learned_x learned_y steps_verdict steps_why unseen_verdict",
 }
