@@ -201,7 +201,7 @@ def _by_key(data: Data) -> dict[Any, pd.DataFrame]:
 
 
 def took(data: Data) -> pd.DataFrame:
-    """Every run: what it took until it had learned, and whether it has lost that later."""
+    """What every run took until it had learned."""
     level = solved_of(data.experiment).success
     groups = data.curves.groupby(KEYS, sort=False)[["seed", "step", "success", _WRONG]]
     tables = groups.apply(lambda curves: pd.DataFrame(until_learned(curves, level)))
@@ -239,7 +239,7 @@ def until_learned(curves: pd.DataFrame, level: float) -> dict[str, NDArray[Any]]
 
 
 def cells(data: Data) -> pd.DataFrame:
-    """Every point and learner: the share of runs that learn, and medians of what they take."""
+    """Every point and learner: how many runs learn, and medians of what they take."""
     runs, rows = _by_key(data), list[dict[str, Any]]()
     for population in data.experiment.populations:
         own = runs[key_of(population)]
@@ -264,7 +264,7 @@ def needed(cell: "pd.Series[Any]") -> str:
 
 
 def rungs(data: Data) -> pd.DataFrame | None:
-    """Each rung of the ladder: tile coding, and a net that is told the same; then chance."""
+    """The ladder: tile coding, and nets that are told the same; then chance."""
     ladder = data.declared.ladder
     if ladder is None:
         return None
@@ -303,7 +303,7 @@ def _chance(data: Data) -> float:
 
 
 def contrasts(data: Data) -> pd.DataFrame:
-    """The declared contrasts: which learner takes less until it has learned, or fails less."""
+    """The declared contrasts, with verdicts."""
     runs, rows = _by_key(data), list[dict[str, Any]]()
     pairs = dict[str, Pair]()  # by their runs: a contrast in two grids is decided once
     for x, y in compared(data.experiment, data.declared.pairs):
@@ -616,19 +616,16 @@ def reading(data: Data) -> str:
     margins = data.declared.margins
     return f"""\
 {learning(data.experiment)} In *new places*, the person never stood in training; in *new ways*,
-onlookers stand around a known place as they never did. Success there is exact, and that after the
-whole budget. Chance is the random policy. In figures, bars are 95 % intervals.
+onlookers stand as they never did. Success there is that after the whole budget. Bars are 95 %
+intervals.
 
-Contrasts pair runs of the same seed, which have the same draw of the scenario. A run that never
-learns takes more than every run that does, and a tie counts as a half. *Faster* (*better*) means
-that x takes fewer steps (fails less often): the probability of this, in a pair of runs, differs
-from 1/2 significantly, and by {margins.probability:g} or more; medians of steps differ by a factor
-of {margins.ratio:g} (mean success by {margins.success:g}) or more; and x has learned, by training,
-in more than half of its runs (and has not lost the level later in half of these). *Slower* and
-*worse* mean the same of y. There is *no verdict* if a significant difference fails another
-condition, or depends on runs whose evaluations are too far apart, or that reach the level only in
-the last evaluation or untrained.
+Contrasts pair runs of the same seed, which have the same draw of the scenario. *Faster* (*better*):
+x takes fewer steps (fails less often) with a probability that differs from 1/2 significantly, and
+by {margins.probability:g} or more; medians of steps differ by a factor of {margins.ratio:g} (mean
+success by {margins.success:g}) or more; and most runs of x have learned, and kept it. *Slower* and
+*worse* mean the same of y. *No verdict*: a significant difference fails another condition, or
+depends on runs whose evaluations are too far apart, or that reach the level in the last evaluation
+only or untrained.
 
-The probability of any wrong verdict is at most 5 % for each of steps, new places and new ways
-(Holm's method; if contrasts share runs, this is known from simulation). Intervals of contrasts hold
-for all of them at once."""
+The probability of any wrong verdict is at most 5 % in each of steps, new places and new ways (by
+Holm's method), and intervals of contrasts hold at once."""

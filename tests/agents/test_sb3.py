@@ -18,11 +18,13 @@ from numpy.random import SeedSequence
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from agents import DeepTraining, Schedule, check_training, load_algorithm
+from agents.nets.dqn import DqnNetSettings
+from agents.nets.ppo import PpoNetSettings
 from agents.people import PEOPLE_EXTRACTOR
 from agents.policy import ALL_ACTIONS, contains
 from agents.sb3 import algorithms
 from agents.sb3.extractors import PeopleExtractor, PlanesExtractor
-from agents.sb3.settings import DqnSettings, PolicyArguments, PpoSettings, Sb3Settings
+from agents.sb3.settings import PolicyArguments, Sb3Settings
 from agents.sb3.vec_env import SB3VecEnv
 from envs import EVENTS, InputError, compile_scenario, load_scenario
 from envs.arrays import Floats
@@ -31,8 +33,8 @@ from envs.observations import compile_seen
 from tests.agents import MOODS, Changes
 
 S1 = compile_scenario(load_scenario("S1"))
-DQN = DqnSettings(budget=400, time_limit=50, train_freq=2, learning_rate=1e-3)
-PPO = PpoSettings(budget=400, time_limit=50, n_steps=50, n_envs=2, batch_size=32, n_epochs=2)
+DQN = DqnNetSettings(budget=400, time_limit=50, train_freq=2, learning_rate=1e-3)
+PPO = PpoNetSettings(budget=400, time_limit=50, n_steps=50, n_envs=2, batch_size=32, n_epochs=2)
 METHODS: Changes = {"sb3_dqn": algorithms.DQN, "sb3_ppo": algorithms.PPO}
 COMPILED: Changes = {name: load_algorithm(name) for name in ("compiled_dqn", "compiled_ppo")}
 SETTINGS: dict[str, Sb3Settings] = {
