@@ -40,7 +40,7 @@ tune: $(DEEP) ## search for the settings of every learner, in results/tuning/ (a
 compare-deep: $(DEEP) ## tables, tile coding, DQN and PPO, in results/compare_deep/ (half an hour; SEEDS=5: 4 minutes, 5 seeds each, in compare_deep_seeds_0-4)
 	$(RUN) $(or $(EXPERIMENT),compare_deep)
 
-when: $(DEEP) ## what one must know for tile coding to do: the ladder, in results/when/ (two and a half hours)
+when: $(DEEP) ## what one must know for tile coding to do: the ladder, in results/when/ (an hour and a half)
 	$(RUN) $(or $(EXPERIMENT),when)
 
 suite: $(DEEP) ## the learners beside which your own is shown, in eight scenes, in results/suite/
