@@ -360,7 +360,8 @@ class Extension(Table):
     description: Text
     """What the experiment is about, for readers."""
     changes: dict[str, object]
-    """New values, by dotted key. The base's `note` and `report.question` are dropped."""
+    """New values, by dotted key. The base's `note` and `report.question` are dropped, and with a
+    new table `solved` its `map_every`, too."""
 
 
 def experiment_names() -> list[str]:
@@ -408,6 +409,8 @@ def _read(path: Path) -> dict[str, object]:
         data = _tables(_path(_beside(path, extension.extends)))
         # These may be false of this one.
         described = {"description": extension.description, "note": ""}
+        if "solved" in extension.changes:
+            data.pop("map_every", None)
         if isinstance(data.get("report"), dict):
             described["report.question"] = ""
         for changes in (described, extension.changes):

@@ -448,7 +448,7 @@ _ROWS: Final = {
 
 
 def ladder(data: Data) -> Figure | None:
-    """What must one know? On each rung, tile coding and a net are told the same."""
+    """Tile coding and a net that are told as much. No mark: not run; run at one point: shown at all."""
     declared = data.declared.ladder
     if declared is None:
         return None
