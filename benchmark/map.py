@@ -448,7 +448,7 @@ _ROWS: Final = {
 
 
 def ladder(data: Data) -> Figure | None:
-    """Tile coding and a net that are told as much. No mark: not run; run at one point: shown at all."""
+    """Tile coding and a net that are told as much; without a mark, a learner was not tried."""
     declared = data.declared.ladder
     if declared is None:
         return None
