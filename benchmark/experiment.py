@@ -248,6 +248,9 @@ class Declaration(Table):
         for condition in [] if self.search else self.conditions:
             for change in condition.changes:
                 self._check_scenarios(change.scenarios or (), condition.name)
+            for kind in ("scenario", "settings"):
+                keys = [key for change in condition.changes for key in getattr(change, kind)]
+                inputs.distinct(tuple(keys), f"{condition.name}: {kind}.")
         return self
 
     def _check_variants(self) -> None:

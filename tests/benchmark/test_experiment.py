@@ -395,6 +395,7 @@ FOUND = "search = { trials = 4, first_seed = 10 }"
 UNUSED = [
     ("", LAST, GRID.replace("limit.5", "limit.large"), 'large.[key] = "large": accepted: a number'),
     ("", LAST, f"{GRID}learners = ['tables']", "unknown learner tables (did you mean table"),
+    ("", LAST, f"{GRID}settings.time_limit = 9", "settings.time_limit is named twice"),
     ("", LAST, f'{LAST}{READINGS}[report]\nkind = "map"', "readings in a map: accepted: no such"),
     ("", MAPS, f"{MAPS}\nsolved = {{}}", "map_every = 200: accepted: no such key"),
     ("", MAPS, 'report = "comparison"\nsolved = {}', "solved in a comparison: accepted: no"),
