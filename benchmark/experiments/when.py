@@ -18,9 +18,9 @@ BY_STEPS: Final = [
     (TOLD, 0, "slower"),
 ]
 PEOPLE = "people_dqn, coordinates", "people_tiles_alike, coordinates"
+AGAIN = "people_dqn_again, coordinates", "people_tiles_again, coordinates"
 TABLE, TILES, DQN = "replay_table, index", "tile_coding, coordinates", "dqn, coordinates"
 OFFSET_TABLE, OFFSET_TILES = "replay_table, offset", "tile_coding, offset_coordinates"
-OFFSET_DQN = "dqn, offset_tiles"
 
 
 def finding(tables: Mapping[str, Any]) -> str:
@@ -38,10 +38,6 @@ def finding(tables: Mapping[str, Any]) -> str:
     def steps(rung: str, k: int, side: str) -> str:
         return needed(row(rung, k, side))
 
-    def learned(side: str) -> str:
-        own = row(ALIKE, 8, side)
-        return f"{own['n_solved']:.0f} of {own['n']:.0f} runs"
-
     def new(rung: str, k: int, side: str) -> str:
         return f"{row(rung, k, side)['unseen_success']:.2f}"
 
@@ -49,42 +45,44 @@ def finding(tables: Mapping[str, Any]) -> str:
         return needed(cells.loc[(grid, point, learner)])
 
     many, why, two = ("places", "places 64"), ("why", "places 64"), ("groups", "people 2")
+    fresh = contrasts.loc[("again", *AGAIN, "onlookers 8")]
+    again = [f"{cells.loc[('again', 'onlookers 8', each), 'unseen_success']:.2f}" for each in AGAIN]
     return f"""\
-Among onlookers, one person counts, who wears a badge; nobody says so. Told only that people are
-alike, DQN does better than tile coding where this person never stood in training: among 8
-onlookers, it succeeds there with a probability of {new(ALIKE, 8, "net")} against
-{new(ALIKE, 8, "tiles")}. Which learns in fewer steps is undecided: among 8, {learned("net")} of DQN
-and {learned("tiles")} of tile coding learn; among 2, they need {steps(ALIKE, 2, "net")} and
-{steps(ALIKE, 2, "tiles")} steps. Told where people are relative to the agent, both succeed in new
-places, and tile coding needs fewer steps among 2 ({steps(RELATIVE, 2, "tiles")} against
-{steps(RELATIVE, 2, "net")}); who needs fewer among 8 is undecided.
+Among onlookers, only a person with a badge matters, and learners must find this out. Told only that
+people are alike, DQN succeeds more often than tile coding in new places, where this person never
+stood in training: among 8 onlookers, with a probability of {new(ALIKE, 8, "net")} against
+{new(ALIKE, 8, "tiles")}, and in fresh runs of {again[0]} against {again[1]}. Of 24 fresh runs each,
+{fresh["learned_x"]} of DQN and {fresh["learned_y"]} of tile coding learn within 60,000 steps, some
+at the last evaluation, so there is no verdict on steps; among 2, they need
+{steps(ALIKE, 2, "net")} and {steps(ALIKE, 2, "tiles")} (*undecided*). Told where people are
+relative to the agent, both succeed in new places, and tile coding needs fewer steps among 2
+({steps(RELATIVE, 2, "tiles")} against {steps(RELATIVE, 2, "net")}).
 
 | told | steps, 0 onlookers | 2 | 8 | DQN first | new places |
 |---|---|---|---|---|---|
 {_table(rungs)}
 
-*Tile coding; DQN. Medians of steps (in brackets: runs that learn), how often DQN takes fewer, with
-an interval, and success in new places, both among 8.*
+*Tile coding; DQN. Medians of steps (runs that learn), how often DQN takes fewer, and success in new
+places, both among 8. "Who counts" is the same with any onlookers.*
 
-**The ladder.** The order of people is drawn, too. So here a net earns its keep where people are
-many and alike, and nobody can say that relative positions are enough. This is about DQN with one
-net over all people, whose outputs are added (Zaheer et al. 2017, *Deep sets*).
+**The ladder.** A net pays here where nobody can say more than that people are alike: it generalizes
+to new places. This is about DQN with one net over all people, whose outputs are added (Zaheer et
+al. 2017, *Deep sets*).
 
 **Places.** Without onlookers, no net is faster than tile coding. In 64 places, given cells, tile
 coding needs {at(*many, TILES)} steps, DQN {at(*many, DQN)} and a table with a backward pass
-{at(*many, TABLE)}: DQN is faster than this table. Given offsets, they need
-{at(*many, OFFSET_TILES)}, {at(*many, OFFSET_DQN)} and {at(*many, OFFSET_TABLE)}.
+{at(*many, TABLE)}: DQN is faster than this table.
 
-**Why.** Given offsets, DQN needs {at(*why, "dqn, offset_factored")} steps from one-hot rows and
-columns, and {at(*why, "linear_dqn, offset_factored")} without hidden layers: features do most of
-the work, as on Atari ([Liang et al. 2016](https://arxiv.org/abs/1512.01563)).
+**Why.** Given offsets as one-hot rows and columns, DQN needs {at(*why, "dqn, offset_factored")}
+steps, and {at(*why, "linear_dqn, offset_factored")} without hidden layers: no gain by them is shown
+(Liang et al. 2016, [arXiv 1512.01563](https://arxiv.org/abs/1512.01563), found the like on Atari).
 
-**Groups.** To join two people who talk, they need {at(*two, OFFSET_TILES)},
-{at(*two, "dqn, offset_factored")} and {at(*two, OFFSET_TABLE)} steps, given offsets.
+**Groups.** To join two people who talk, tile coding needs
+{at(*two, OFFSET_TILES)} steps, DQN {at(*two, "dqn, offset_factored")} and the table with a backward
+pass {at(*two, OFFSET_TABLE)}.
 
 **Caveats.** Tile coding is that of Miller and Glanz (1996). Settings decide as much as methods
-(Patterson et al. 2024). A learner that is first in 14 of 16 pairs is still undecided among
-{len(contrasts)} contrasts."""
+(Patterson et al. 2024)."""
 
 
 def _check(rungs: Any, contrasts: Any) -> None:
@@ -96,6 +94,12 @@ def _check(rungs: Any, contrasts: Any) -> None:
     for grid, k in (("alone", 0), ("ladder", 2), ("ladder", 8)):
         found = contrasts.loc[(grid, *PEOPLE, f"onlookers {k}"), "unseen_verdict"]
         assert found == "better", f"among {k} onlookers, DQN is better in new places"
+    fresh = contrasts.loc[("again", *AGAIN, "onlookers 8")]
+    verdicts = [fresh[f"{unit}_verdict"] for unit in ("steps", "unseen", "new_way")]
+    assert verdicts == ["no verdict", "better", "better"], (
+        "fresh runs of DQN are better in new places"
+    )
+    assert fresh["n"] == 24, "there are 24 fresh runs"
     for grid, tiles in (("places", TILES), ("places", OFFSET_TILES), ("groups", OFFSET_TILES)):
         verdicts = {*by_steps.loc[grid].xs(tiles, level="y")}
         assert verdicts <= {"slower", "undecided"}, "no net is faster than tile coding"
