@@ -101,8 +101,8 @@ def _check(rungs: Any, contrasts: Any) -> None:
     )
     assert fresh["n"] == 24, "there are 24 fresh runs"
     for grid, tiles in (("places", TILES), ("places", OFFSET_TILES), ("groups", OFFSET_TILES)):
-        verdicts = {*by_steps.loc[grid].xs(tiles, level="y")}
-        assert verdicts <= {"slower", "undecided"}, "no net is faster than tile coding"
+        of_nets = {*by_steps.loc[grid].xs(tiles, level="y")}
+        assert of_nets <= {"slower", "undecided"}, "no net is faster than tile coding"
     assert by_steps["places", DQN, TABLE, "places 64"] == "faster", "DQN is faster than a table"
 
 
@@ -112,7 +112,7 @@ def _table(rungs: Any) -> str:
     lines = []
     for rung in RUNGS:
         steps = [_steps(known.get((rung, f"onlookers {k}"))) for k in (0, 2, 8)]
-        last = known.get((rung, "onlookers 8"), known.get((rung, "onlookers 0")))
+        last = known[rung, "onlookers 0" if rung == TOLD else "onlookers 8"]
         ends = [last[f"net_wins{end}"] for end in ("", "_low", "_high")]
         wins = "{:.2f} [{:.2f}, {:.2f}]".format(*ends) if ends[0] >= 0 else "-"
         new = [last[f"{side}_unseen_success"] for side in ("tiles", "net")]
