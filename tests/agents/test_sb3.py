@@ -128,7 +128,7 @@ def test_settings_have_sb3s_names_and_defaults(name: str) -> None:
         ("compiled_dqn", {"policy_kwargs": {"features_extractor_class": "a:B"}},
          "mine.toml: policy_kwargs.features_extractor_class: accepted: .* sb3_dqn or sb3_ppo"),
         ("compiled_dqn", {"policy_kwargs": {"features_extractor_class": PEOPLE_EXTRACTOR,
-         "features_extractor_kwargs": {"widht": 5}}}, "unknown key widht .did you mean width"),
+         "features_extractor_kwargs": {"breadth": 5}}}, "unknown key breadth; accepted: "),
         ("stable_baselines3:PPO",
          {"policy_kwargs": {"features_extractor_class": "torch.nn:Linear"}},
          "PPO cannot be trained: policy_kwargs: features_extractor_class torch.nn:Linear: accept"),
