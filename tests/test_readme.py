@@ -66,7 +66,7 @@ def run_in_miniature(words: list[str], directory: Path) -> bool:
     arguments += ["--smoke"] * bool({"bench", "reproduce"} & {*arguments})
     if arguments[0] == "watch":
         arguments += ["--experiment", str(comparison)]
-    if arguments[0] not in ("list", "assess"):
+    if arguments[0] not in ("list", "assess", "export"):
         arguments += ["--results", str(directory)]
     assert main(arguments) == 0, words
     return words[1:3] == ["-m", "benchmark"]
