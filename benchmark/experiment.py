@@ -19,7 +19,7 @@ from os.path import isfile, join  # which take any text for a path
 from pathlib import Path
 from typing import Annotated, Final, Literal, Self
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import Field, model_validator
 
 from agents import Algorithm, LearnerSettings, dynamic_programming, load_algorithm
 from benchmark.specification import DEFAULT_CONDITION as DEFAULT_CONDITION
@@ -193,10 +193,6 @@ def _merged(tables: Iterable[Mapping[str, object]]) -> dict[str, object]:
     return {key: value for table in tables for key, value in table.items()}
 
 
-def _with_kind(report: object) -> object:
-    return {"kind": report} if isinstance(report, str) else report
-
-
 class Declaration(Table):
     """A declared set of runs: every condition, scenario and learner, each with its seeds."""
 
@@ -204,7 +200,7 @@ class Declaration(Table):
     """The stem of the file."""
     description: Text
     """What the experiment is about, for readers."""
-    report: Annotated[dict[str, object] | None, BeforeValidator(_with_kind)] = None
+    report: dict[str, object] | None = None
     """What is drawn, see below; a text stands for a table with this `kind`. Without it, nothing is
     drawn."""
     note: Text = ""
@@ -426,6 +422,8 @@ def _tables(path: Path) -> dict[str, object]:
     data = inputs.read_toml(path)
     if path.parent != EXPERIMENT_DIRECTORY:
         find_modules_in(str(path.parent.resolve()))
+    if isinstance(data.get("report"), str):
+        data["report"] = {"kind": data["report"]}
     return data
 
 
