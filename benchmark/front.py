@@ -81,8 +81,6 @@ def readme(results: Path) -> str:
             sections.append(
                 _drawn(results, others[0], "When deep RL earns its keep", "All learners")
             )
-        elif "tuning" in there:
-            sections.append(_searched(results))
     except AssertionError as error:
         raise InputError(f"README: the published tables do not show that {error}.") from error
     own = [_BENCH, _ASSESS] if "suite" in there else [_ASSESS]
@@ -123,24 +121,6 @@ def _drawn(results: Path, name: str, title: str, more: str) -> str:
 
 {found}
 [{more}](results/{name}/README.md)
-"""
-
-
-def _searched(results: Path) -> str:
-    """Returns what search and training take together, as the search's README says it."""
-    text = (results / "tuning" / README).read_text(encoding="utf-8")
-    start = text.index("With the steps of the search")
-    return f"""\
-## When deep RL earns its keep
-
-So far, this is known of the scenes in which settings were searched: a fixed person as above, one
-who stands in one of up to 40 cells, drawn every episode, and one among two onlookers. It is one
-search of 64 settings for each learner, with one run each, without a test. Nets were not searched
-among onlookers.
-
-{text[start : text.index("## ", start)].strip()}
-
-[All trials](results/tuning/README.md)
 """
 
 

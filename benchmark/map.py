@@ -201,7 +201,7 @@ def _by_key(data: Data) -> dict[Any, pd.DataFrame]:
 
 
 def took(data: Data) -> pd.DataFrame:
-    """What every run took until it had learned."""
+    """What every run took."""
     level = solved_of(data.experiment).success
     groups = data.curves.groupby(KEYS, sort=False)[["seed", "step", "success", _WRONG]]
     tables = groups.apply(lambda curves: pd.DataFrame(until_learned(curves, level)))
@@ -239,7 +239,7 @@ def until_learned(curves: pd.DataFrame, level: float) -> dict[str, NDArray[Any]]
 
 
 def cells(data: Data) -> pd.DataFrame:
-    """Every point and learner: how many runs learn, and medians of what they take."""
+    """How many runs learn, and medians of what they take."""
     runs, rows = _by_key(data), list[dict[str, Any]]()
     for population in data.experiment.populations:
         own = runs[key_of(population)]
@@ -264,7 +264,7 @@ def needed(cell: "pd.Series[Any]") -> str:
 
 
 def rungs(data: Data) -> pd.DataFrame | None:
-    """The ladder: tile coding, and nets that are told the same; then chance."""
+    """The rungs of the ladder, then chance."""
     ladder = data.declared.ladder
     if ladder is None:
         return None

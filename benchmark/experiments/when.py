@@ -53,8 +53,8 @@ people are alike, DQN succeeds more often than tile coding in new places, where 
 stood in training: among 8 onlookers, with a probability of {new(ALIKE, 8, "net")} against
 {new(ALIKE, 8, "tiles")}, and in fresh runs of {again[0]} against {again[1]}. Of 24 fresh runs each,
 {fresh["learned_x"]} of DQN and {fresh["learned_y"]} of tile coding learn within 60,000 steps, some
-at the last evaluation, so there is no verdict on steps; among 2, they need
-{steps(ALIKE, 2, "net")} and {steps(ALIKE, 2, "tiles")} (*undecided*). Told where people are
+at the last evaluation, so there is no verdict on steps. Among 2, they need
+{steps(ALIKE, 2, "net")} and {steps(ALIKE, 2, "tiles")} steps (*undecided*). Told where people are
 relative to the agent, both succeed in new places, and tile coding needs fewer steps among 2
 ({steps(RELATIVE, 2, "tiles")} against {steps(RELATIVE, 2, "net")}).
 
@@ -81,8 +81,8 @@ steps, and {at(*why, "linear_dqn, offset_factored")} without hidden layers: no g
 {at(*two, OFFSET_TILES)} steps, DQN {at(*two, "dqn, offset_factored")} and the table with a backward
 pass {at(*two, OFFSET_TABLE)}.
 
-**Caveats.** Tile coding is that of Miller and Glanz (1996). Settings decide as much as methods
-(Patterson et al. 2024)."""
+Tile coding is that of Miller and Glanz (1996). Settings decide as much as methods (Patterson et al.
+2024)."""
 
 
 def _check(rungs: Any, contrasts: Any) -> None:
