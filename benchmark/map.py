@@ -239,7 +239,7 @@ def until_learned(curves: pd.DataFrame, level: float) -> dict[str, NDArray[Any]]
 
 
 def cells(data: Data) -> pd.DataFrame:
-    """How many runs learn, and medians of what they take."""
+    """How many runs learn, and medians."""
     runs, rows = _by_key(data), list[dict[str, Any]]()
     for population in data.experiment.populations:
         own = runs[key_of(population)]
