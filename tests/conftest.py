@@ -2,6 +2,8 @@
 
 import os
 import signal
+import sys
+from collections.abc import Iterator
 
 import pytest
 from hypothesis import settings
@@ -19,6 +21,18 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 # No test depends on timing.
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
+
+
+@pytest.fixture(autouse=True)
+def users_modules_go(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Forgets modules that a test wrote: the next one may write others with the same names."""
+    path = [*sys.path]
+    yield
+    sys.path[:] = path
+    written = str(tmp_path_factory.getbasetemp())
+    for name, module in [*sys.modules.items()]:
+        if str(getattr(module, "__dict__", {}).get("__file__")).startswith(written):
+            del sys.modules[name]
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

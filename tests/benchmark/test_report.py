@@ -3,8 +3,6 @@
 import hashlib
 import json
 import shutil
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pandas as pd
@@ -69,12 +67,9 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def mine(trained: Path, tmp_path: Path) -> Iterator[Path]:
+def mine(trained: Path, tmp_path: Path) -> Path:
     """A copy of it."""
-    path = shutil.copytree(trained, tmp_path / "copy")
-    yield path
-    sys.modules.pop("spread_study", None)
-    sys.path[:] = [each for each in sys.path if each != str(path)]
+    return shutil.copytree(trained, tmp_path / "copy")
 
 
 def write_experiment(path: Path, **keys: object) -> None:
@@ -156,7 +151,6 @@ def test_a_report_of_another_kind_is_refused(
 )
 def test_mistakes_of_a_study_are_told_in_a_sentence(mine: Path, text: str, fault: str) -> None:
     before = {path.name: path.read_bytes() for path in (mine / "mine").iterdir()}
-    sys.modules.pop("flawed", None)
     (mine / "flawed.py").write_text(text)
     write_experiment(mine, kind="flawed")
     with pytest.raises(InputError, match=fault):

@@ -152,12 +152,11 @@ class Mine(A2C):
 
 @pytest.mark.slow
 def test_a_class_in_a_file_runs_in_all_scenes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "mine.py").write_text(MINE, encoding="utf-8")
     results = ["--results", str(tmp_path / "results")]
     given = ["--settings", "n_steps=10", "policy_kwargs.net_arch=[16]", "--stochastic", "--smoke"]
-    monkeypatch.setattr(sys, "path", [*sys.path])
     command = ["bench", str(tmp_path / "mine.py") + ":Mine", *given, *results]
     assert main(command) == 0
     folder = tmp_path / "results" / "bench_Mine_smoke"

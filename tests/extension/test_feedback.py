@@ -1,7 +1,6 @@
 """Feedback from outside: functions in a module beside a scenario's file."""
 
 import re
-import sys
 from pathlib import Path
 
 import gymnasium
@@ -63,10 +62,7 @@ def test_mistakes_are_one_sentence(kind: str, message: str) -> None:
     assert len(error.value.args) == 1
 
 
-def test_example_of_the_guide_is_found_beside_its_scenario(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(sys, "path", [*sys.path])
+def test_example_of_the_guide_is_found_beside_its_scenario(tmp_path: Path) -> None:
     scenes = tmp_path / "scenes"
     scenes.mkdir()
     (scenes / "polite.py").write_text(POLITE, encoding="utf-8")
