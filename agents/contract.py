@@ -105,6 +105,8 @@ class Algorithm(ABC):
     """Part of every run's identity; raised when a change alters what is learned."""
     observations: tuple[str, ...] = INDICES
     """The forms that it accepts, see `envs.observations`."""
+    policies: tuple[str, ...] = ("greedy", "stochastic")
+    """The policies that it may learn; another one is refused before any run."""
     packages: tuple[str, ...] = ()
     """Packages that it needs beyond the usual ones; a record names their versions."""
     batch_size: int = 1

@@ -606,6 +606,9 @@ class _Loading:
             if form not in algorithm.observations:
                 what = f"observation for {variant.algorithm}"
                 unknown_name(where, what, form, algorithm.observations)
+            if variant.policy not in algorithm.policies:
+                what = f"policy of {variant.algorithm}"
+                unknown_name(where, what, variant.policy, algorithm.policies)
             yield Learner(name, form, variant, algorithm, chosen.get(form))
 
     def chosen(self, name: str) -> dict[str, Chosen]:

@@ -227,4 +227,4 @@ class DqnAgent(Agent):
         )
 
 
-DQN = NetAlgorithm(DqnAgent, DqnNetSettings)
+DQN = NetAlgorithm(DqnAgent, DqnNetSettings, ("greedy",))

@@ -112,6 +112,7 @@ class NetAlgorithm(SequentialAlgorithm):
 
     agent: Callable[..., Agent]
     settings: type[Sb3Settings]
+    policies: tuple[str, ...] = SequentialAlgorithm.policies
 
     family = "deep"
     version = 2

@@ -48,6 +48,7 @@ class Sb3Algorithm(SequentialAlgorithm):
     path: str  # `module:class`
     settings: type[Sb3Settings]
     packages: tuple[str, ...] = ("stable_baselines3", "torch")
+    policies: tuple[str, ...] = SequentialAlgorithm.policies
 
     version = 3
     family = "deep"
@@ -68,7 +69,7 @@ class Sb3Algorithm(SequentialAlgorithm):
         return train_agent(cls, model, settings, observation, seed, schedule)
 
 
-DQN = Sb3Algorithm("stable_baselines3:DQN", DqnSettings)
+DQN = Sb3Algorithm("stable_baselines3:DQN", DqnSettings, policies=("greedy",))
 PPO = Sb3Algorithm("stable_baselines3:PPO", PpoSettings)
 
 
@@ -130,7 +131,10 @@ def algorithm_of(cls: Any, path: str) -> Sb3Algorithm:
         base.__module__.partition(".")[0] for base in cls.__mro__
     } & packages_distributions().keys()
     packages = tuple(sorted(modules | {"stable_baselines3", "torch"}))
-    return Sb3Algorithm(path, settings, packages)
+    policy = getattr(cls, "policy_aliases", {}).get("MlpPolicy")
+    if policy is None or hasattr(policy, "get_distribution"):
+        return Sb3Algorithm(path, settings, packages)
+    return Sb3Algorithm(path, settings, packages, policies=("greedy",))
 
 
 def _arguments(cls: type) -> dict[str, object]:

@@ -131,6 +131,7 @@ class ValueAlgorithm(Algorithm, Generic[TrainingT]):
 
     packages = ("numba",)
     placement = "thread"
+    policies = ("greedy",)
     training: type[TrainingT]
 
     @abstractmethod

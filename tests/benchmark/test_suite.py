@@ -116,6 +116,7 @@ REFUSED = {
     "stable_baselines3:PPO --settings gamma=a": "--settings gamma=a: accepted: KEY=VALUE",
     "stable_baselines3:PPO --settings budget=9": "accepted: other settings than budget",
     "stable_baselines3:PPO --observation index": "observation",
+    "stable_baselines3:DQN --stochastic": "unknown policy of stable_baselines3:DQN stochastic",
     "nix.toml --stochastic": "not accepted with a file",
     "nix.toml": "nix.toml",
 }
