@@ -37,7 +37,7 @@ reproduce: $(BASE) ## the paper's figure, claims and tables, in results/reproduc
 tune: $(DEEP) ## search for the settings of every learner, in results/tuning/ (an hour and a half)
 	$(RUN) $(or $(EXPERIMENT),tuning)
 
-compare-deep: $(DEEP) ## tables, tile coding, DQN and PPO, in results/compare_deep/ (half an hour; SEEDS=5: 4 minutes, 5 seeds each, in compare_deep_seeds_0-4)
+compare-deep: $(DEEP) ## tables, tile coding, DQN and PPO, in results/compare_deep/ (an hour and a quarter; SEEDS=5: 5 minutes, 5 seeds each, in compare_deep_seeds_0-4)
 	$(RUN) $(or $(EXPERIMENT),compare_deep)
 
 when: $(DEEP) ## what one must know for tile coding to do: the ladder, in results/when/ (an hour and a half)
