@@ -37,6 +37,7 @@ _KNOWN: dict[str, object] = {
     "n_steps": StepCount,
     "train_freq": Count,
     "buffer_size": BufferSize,
+    "batch_size": Count | None,
     "policy_kwargs": dict[str, Any],
 }
 

@@ -118,7 +118,7 @@ class Sb3Settings(LearnerSettings):
                 return self
         raise ValueError(
             f"budget = {self.budget} is not a whole number of rollouts of {self.rollout} steps "
-            f"({key} = {default}); accepted: a multiple of {self.rollout}"
+            f"({key} = {default}); accepted: a multiple of {self.rollout}, or other {key}"
         )
 
 

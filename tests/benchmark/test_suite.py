@@ -112,6 +112,8 @@ REFUSED = {
     "stable_baselines3:PPOO": "PPOO",
     "stable_baselines3:PPO --settings lr=1": "lr",
     "stable_baselines3:PPO --settings gamma=2.0": "gamma",
+    "stable_baselines3:PPO --settings n_steps=7": "or other n_steps",
+    "stable_baselines3:DQN --settings batch_size=0": "batch_size",
     "stable_baselines3:PPO --settings gamma": "--settings gamma: accepted: KEY=VALUE",
     "stable_baselines3:PPO --settings gamma=a": "--settings gamma=a: accepted: KEY=VALUE",
     "stable_baselines3:PPO --settings budget=9": "accepted: other settings than budget",
