@@ -5,7 +5,6 @@ PING.
 """
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from envs.arrays import Bools, Bytes, Floats
 from envs.model import ACTIONS, Model
@@ -17,17 +16,6 @@ ALL_ACTIONS = 2 ** len(ACTIONS) - 1
 def uniform_policy(model: Model) -> Policy:
     """Returns the policy that draws every action with equal probability, (O, A)."""
     return np.full((model.n_observations, len(ACTIONS)), 1 / len(ACTIONS))
-
-
-def greedy_masks(q: ArrayLike, tolerance: float = 0.0) -> Bytes:
-    """Returns the set of best actions in every row of action values, (..., A), within a tolerance.
-
-    >>> greedy_masks([[0, 0, -1, 0, -2], [1, 2, 3, 4, 5]])
-    array([11, 16], dtype=uint8)
-    """
-    q = np.asarray(q)
-    best = q >= q.max(axis=-1, keepdims=True) - tolerance
-    return np.asarray(best @ (1 << np.arange(len(ACTIONS))), dtype=np.uint8)
 
 
 def contains(masks: Bytes) -> Bools:

@@ -82,7 +82,7 @@ class Records:
     @cached_property
     def in_target(self) -> NDArray[np.bool_]:
         """(F,) in which fresh states the agent is in the target region."""
-        return np.asarray(self.model.zone_of_cell == ZONES.index("target"))
+        return np.asarray(self.model.zone[self.model.fresh_state] == ZONES.index("target"))
 
     @cached_property
     def values_ping(self) -> NDArray[np.bool_]:

@@ -151,16 +151,10 @@ class Model:
         """(C, 2) row and column of each cell."""
         return self.scenario.grid.position
 
-    @property
-    def zone_of_cell(self) -> Codes:
-        """(F,) index into ZONES of each fresh state; in S1 to S3 of each cell."""
-        return self.zone[self.fresh_state]
-
     @cached_property
     def is_over(self) -> Bools:
         """(S,) whether no action changes anything: a person was run into, or the cell is a wall."""
-        is_person = self.zone == ISSUER
-        return np.asarray(is_person | self.scenario.grid.is_wall[self.cell])
+        return np.asarray(self.event[:, PING] == NONE)
 
     @cached_property
     def is_wrong_ping(self) -> Bools:

@@ -33,7 +33,7 @@ TRAINING = Training(
             "agents.policy:mask_polcy",
             r"no attribute 'mask_polcy' \(did you mean mask_policy\?\)\.$",
         ),
-        ("agents.policy:greedy_masks", "is not an algorithm"),
+        ("agents.policy:mask_policy", "is not an algorithm"),
     ],
 )
 def test_wrong_names_get_a_sentence(name: str, expected: str) -> None:
