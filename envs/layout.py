@@ -94,11 +94,9 @@ class Layout:
         return standing
 
     @cached_property
-    def issuer_cells(self) -> tuple[Cell, ...]:
-        """(I,) where the person or someone of the group may stand, by row and then by column."""
-        return tuple(
-            divmod(index, self.grid.columns) for index in np.unique(self.standing).tolist()
-        )
+    def issuer_cells(self) -> Ints:
+        """(I,) the cells where the person or someone of the group may stand, rising."""
+        return np.unique(self.standing)
 
     @cached_property
     def starts(self) -> Ints:

@@ -13,7 +13,7 @@ and learners bootstrap through it.
 """
 
 import math
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache, partial, wraps
 from typing import Any, Concatenate, ParamSpec, TypeVar
@@ -117,10 +117,11 @@ class Model:
         return math.prod(component.size for component in self.components)
 
     @property
-    def values(self) -> tuple[Ints, ...]:
-        """The value of each component, (O,), in all observations."""
+    def parts(self) -> Iterator[tuple[Component, Ints]]:
+        """Each component, and its value, (O,), in all observations."""
         sizes = [component.size for component in self.components]
-        return np.unravel_index(np.arange(self.n_observations), sizes[::-1])[::-1]
+        values = np.unravel_index(np.arange(self.n_observations), sizes[::-1])[::-1]
+        return zip(self.components, values, strict=True)
 
     @property
     def n_outcomes(self) -> int:
@@ -373,17 +374,14 @@ def _farthest(scenario: Scenario) -> Ints:
 def _people(scenario: Scenario, context: Indices) -> Component:
     """Returns the component with the cells of the person and the group, and of onlookers."""
     layout, n, n_phases = scenario.layout, scenario.n_people, len(scenario.layout.stages)
-    cells = np.array(layout.issuer_cells) @ (scenario.grid.columns, 1)
-    spots = np.searchsorted(
-        cells, layout.standing.reshape(-1, n)
-    )  # (J * P, people) among the cells
+    cells = layout.issuer_cells
+    spots = np.searchsorted(cells, layout.standing.reshape(-1, n))  # (J * P, people) among cells
     if n == 1:
         groups, group = np.arange(len(cells))[:, None], spots[:, 0]
     else:
         groups, group = spots[::n_phases], np.arange(len(spots)) // n_phases
-    shown = np.array(shown_cells(layout.issuer_cells, scenario.issuer.permuted, scenario.draw))[
-        groups
-    ]
+    positions = [*map(tuple, scenario.grid.position[cells].tolist())]
+    shown = np.array(shown_cells(positions, scenario.issuer.permuted, scenario.draw))[groups]
     if scenario.onlookers:
         return _crowd(scenario, scenario.onlookers, context // n_phases, shown[group[::n_phases]])
     return _of_positions("issuer", group[context], shown, _farthest(scenario), groups, len(cells))

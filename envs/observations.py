@@ -100,7 +100,7 @@ def observation_ones(model: Model, observation: str) -> tuple[NDArray[np.integer
         return tiles, int(tiles.max()) + 1
     blocks: list[Ints] = []  # (O, ones) which numbers of a block are 1
     widths = [0]
-    for part, value in zip(model.components, model.values, strict=True):
+    for part, value in model.parts:
         if encoding == "one_hot":
             blocks.append(part.ones[value])
             widths.append(part.width)
@@ -128,7 +128,7 @@ def _planes(model: Model) -> Bytes:
     table = np.zeros((len(o), *planes_shape(scenario)), np.uint8)
     table[:, _PLANES.index("walls")] = 255 * scenario.grid.is_wall.reshape(scenario.grid.size)
     n_further = 0
-    for part, value in zip(model.components, model.values, strict=True):
+    for part, value in model.parts:
         match part.name:
             case "agent":
                 table[o, _PLANES.index("agent"), *part.numbers[value].T] = 255
@@ -172,8 +172,8 @@ def observation_table(model: Model, kind: str) -> Ints | Singles | Bytes:
         table = np.zeros((len(ones), width), dtype=np.float32)
         np.put_along_axis(table, ones, 1, axis=1)
         return table
-    parts = zip(model.components, model.values, strict=True)
-    scaled = np.concatenate([(part.numbers / part.largest)[value] for part, value in parts], axis=1)
+    numbers = [(part.numbers / part.largest)[value] for part, value in model.parts]
+    scaled = np.concatenate(numbers, axis=1)
     return (scaled if encoding == "coordinates" else (2 * scaled - 1) * _CENTRED).astype(np.float32)
 
 

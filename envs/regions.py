@@ -219,8 +219,7 @@ def zones(regions: Regions, heading: Heading, cell: Cell, grid: Grid) -> Codes:
     ahead, aside = down * row + right * column, right * -row + down * column
     inner, outer = (_holds(shape, ahead, aside) for shape in regions.shapes)
     inside = [(down == 0) & (right == 0), inner, outer]
-    nearest = [ZONES.index(name) for name in ("issuer", "uncomfortable", "target")]
-    return np.select(inside, nearest, OUTSIDE).astype(np.int8)
+    return np.select(inside, [ISSUER, UNCOMFORTABLE, TARGET], OUTSIDE).astype(np.int8)
 
 
 def ring_zones(ring: Ring, people: Ints, cell: Ints, width: float) -> Codes:

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from functools import cached_property, lru_cache
 from itertools import chain, pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import Field, model_validator
 
@@ -36,9 +36,8 @@ from envs.sources import find_modules_in
 SCENARIO_DIRECTORY = Path(__file__).parent / "scenarios"
 _MAX_STATES_OF_PLACE = 100_000  # states that are compiled together
 # What can be observed, in the order of an observation.
-COMPONENTS = ("agent", "offset", "relative", "issuer", "phase", "wrong_pings")
-
 Observed = Literal["agent", "offset", "relative", "issuer", "phase", "wrong_pings"]
+COMPONENTS = get_args(Observed)
 
 
 class Rewards(Table):

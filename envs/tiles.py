@@ -63,7 +63,7 @@ def tiles_of(model: Model, n_tilings: int, width: int, parts: Parts = "joint") -
     """
     positions: list[tuple[Ints, Ints]] = []  # (O, D) numbers, and (D,) per cell
     others = []
-    for component, value in zip(model.components, model.values, strict=True):
+    for component, value in model.parts:
         if component.per_cell.any():
             n = len(component.per_cell) // component.ones.shape[1]  # numbers of each person
             spans = (slice(at, at + n) for at in range(0, len(component.per_cell), n))

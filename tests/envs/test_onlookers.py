@@ -125,7 +125,7 @@ def test_everybody_relative_to_the_agent_by_hand() -> None:
     badged = {"onlookers": {"people": 2, "ways": 6, "badge": True}}
     cells = model_of(CROWD | badged)
     relative = compile_seen(cells.scenario, "relative_coordinates")
-    agent, people = (cells.components[i].numbers[cells.values[i]] for i in range(2))
+    agent, people = (part.numbers[value] for part, value in cells.parts)
     table = observation_table(relative, "relative_coordinates")
     seen = set()
     for state, o in enumerate(cells.observation.tolist()):
@@ -148,7 +148,7 @@ def test_tiles_of_each_person_equal_a_plain_loop(form: str, badge: bool, parts: 
     changes |= {"observe": ["agent", "issuer", "wrong_pings"]}
     model = compile_seen(load_scenario("Anywhere", changes), form)
     found, n_tilings, width = tiles_of(model, 3, 2, parts), 3, 2
-    seen = [part.numbers[value] for part, value in zip(model.components, model.values, strict=True)]
+    seen = [part.numbers[value] for part, value in model.parts]
     *agent, people, pings = (numbers.tolist() for numbers in seen)
     n = 3 if badge else 2
     tiles: dict[Any, int] = {}
