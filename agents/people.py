@@ -62,8 +62,9 @@ def people_table(model: Model, observation: str, arguments: PeopleArguments) -> 
     table = observation_table(model, observation)
     agent, people = np.split(table, [2 * arguments.sees_agent], axis=1)
     people = people.reshape(len(table), -1, arguments.per_person)
-    shape = *people.shape[:2], -1
-    agent = np.broadcast_to(agent[:, None], (*shape[:2], agent.shape[1]))
-    marks = np.eye(shape[1])[:, : int(arguments.marks_first)]
-    marks = np.broadcast_to(marks, (*shape[:2], marks.shape[1]))
-    return np.concatenate([agent, people, marks], axis=2).astype(np.float32)
+    marks = np.eye(people.shape[1])[:, : int(arguments.marks_first)]
+    parts = (
+        np.broadcast_to(part, (*people.shape[:2], part.shape[-1]))
+        for part in (agent[:, None], people, marks)
+    )
+    return np.concatenate([*parts], axis=2).astype(np.float32)

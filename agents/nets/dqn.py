@@ -42,9 +42,6 @@ class Constants(NamedTuple):
     gamma: float
     synchronised_every: int  # steps of the envs
     tau: float
-    learning_rate: float
-    adam_epsilon: float
-    max_grad_norm: float
 
 
 class Dqn(NamedTuple):
@@ -174,8 +171,7 @@ def _update(agent: Dqn) -> None:
         error = q_net.hidden[i] - target
         q_net.slopes[i] += share * (one if error > one else -one if error < -one else error)
     net.backward(q_net, parameters, batch.distinct, n_distinct)
-    constants = agent.constants
-    net.learn(parameters, constants.learning_rate, constants.adam_epsilon, constants.max_grad_norm)
+    net.learn(parameters)
 
 
 class DqnNetSettings(NetSettings, DqnSettings):

@@ -80,9 +80,10 @@ class Agent(ABC):
             net = net_of(inputs, layers, end, n_rows, is_relu=is_relu, n_shared=len(shared))
             self.nets.append(net)
             end = net.end
-        (values, gradient, first, second), sums = np.zeros((4, end), kind), np.zeros(256, kind)
-        adam = gradient, first, second, sums, np.ones(2), np.zeros(1, np.int64)
-        self.parameters = Parameters(values, *adam)
+        values, gradient, first, second = np.zeros((4, end), kind)
+        memory = first, second, np.zeros(256, kind), np.ones(2), np.zeros(1, np.int64)
+        adam = settings.learning_rate, settings.adam_epsilon, settings.max_grad_norm
+        self.parameters = Parameters(values, gradient, *memory, *adam)
         self.state = self.begin(model, settings, kind)
 
     @abstractmethod
@@ -131,19 +132,12 @@ class NetAlgorithm(SequentialAlgorithm):
         )
         tables = np.full((len(points), model.n_observations, N_ACTIONS), np.nan)
         cpu_time_s = np.zeros(len(points))
-        seconds = 0.0
-
-        def advance(until: int) -> None:
-            nonlocal seconds
-            started_s = time.thread_time()
-            agent.advance(until)
-            seconds += time.thread_time() - started_s
-
         agent.advance(0)  # compiles before the clock runs
         for start, group in groupby(range(len(points)), lambda i: points[i] // rollout * rollout):
             indices = list(group)
-            advance(start)
-            cpu_time_s[indices[0] :] = seconds
+            started_s = time.thread_time()
+            agent.advance(start)
+            cpu_time_s[indices[0] :] += time.thread_time() - started_s
             table = agent.table().astype(np.float64)
             has_diverged = not np.isfinite(table).all()
             if not has_diverged:
@@ -157,7 +151,7 @@ class NetAlgorithm(SequentialAlgorithm):
                 agent.envs.counts[indices[0] :] = agent.envs.disagreements[0]
                 break
         else:
-            advance(schedule.budget)
+            agent.advance(schedule.budget)
         if schedule.keep:
             schedule.keep(agent)
         weights = agent.weights()

@@ -69,7 +69,7 @@ class Batch(NamedTuple):
 
 
 class Parameters(NamedTuple):
-    """The parameters of an agent's nets, and Adam's memory (Kingma & Ba 2015)."""
+    """The parameters of an agent's nets, and Adam's memory and settings (Kingma & Ba 2015)."""
 
     values: Numbers  # (P,)
     gradient: Numbers  # (P,)
@@ -78,6 +78,9 @@ class Parameters(NamedTuple):
     sums: Numbers  # (256,) partial sums of a norm, which fill vector registers
     betas: Floats  # (2,) powers of Adam's betas
     n_steps: Ints  # (1,)
+    learning_rate: float
+    epsilon: float
+    max_norm: float  # of gradients; longer ones are cut
 
 
 def room_for_values(n_observations: int, kind: Kind) -> Values:
@@ -96,16 +99,15 @@ Inputs = tuple[int, Indices, Numbers]  # how many, and the fields `ones` and `ta
 
 def inputs_of(model: Model, observation: str, kind: Kind, people: PeopleArguments | None) -> Inputs:
     """Returns what nets read of a model."""
+    n = model.n_observations
     if people:
-        of_people = people_table(model, observation, people).astype(kind)
-        n_inputs = of_people.shape[2]
-        table = of_people.reshape(len(of_people), -1)
-        return n_inputs, np.empty((len(table), 0), np.int32), table
-    if ENCODINGS[observation] in SPARSE:
+        seen = people_table(model, observation, people).astype(kind)
+    elif ENCODINGS[observation] in SPARSE:
         ones, n_inputs = observation_ones(model, observation)
-        return n_inputs, ones.astype(np.int32), np.empty((len(ones), 0), kind)
-    table = observation_table(model, observation).astype(kind)
-    return table.shape[1], np.empty((len(table), 0), np.int32), table
+        return n_inputs, ones.astype(np.int32), np.empty((n, 0), kind)
+    else:
+        seen = observation_table(model, observation).astype(kind)
+    return seen.shape[-1], np.empty((n, 0), np.int32), seen.reshape(n, -1)
 
 
 def net_of(
@@ -126,7 +128,9 @@ def net_of(
     stride = int(width.max())
     n_people = table.shape[1] // n_inputs if n_shared else 1
     n_hidden = width.size * n_rows * n_people * stride
-    layers = (
+    n_read = n_rows * n_people * n_inputs
+    rooms = n_read, n_hidden, n_hidden, n_rows * stride, stride**2, stride
+    return Net(
         n_inputs,
         outputs,
         width,
@@ -136,11 +140,13 @@ def net_of(
         is_relu,
         n_people,
         n_shared,
+        ones,
+        table,
+        n_rows,
+        stride,
+        np.zeros(n_rows, np.int32),
+        *(np.zeros(n, table.dtype) for n in rooms),
     )
-    n_read = n_rows * n_people * n_inputs
-    sizes = n_read, n_hidden, n_hidden, n_rows * stride, stride**2, stride
-    rooms = (np.zeros(n, table.dtype) for n in sizes)
-    return Net(*layers, ones, table, n_rows, stride, np.zeros(n_rows, np.int32), *rooms)
 
 
 def unpadded(net: Net, values: Numbers) -> Iterator[Numbers]:
@@ -169,46 +175,35 @@ def list_distinct(batch: Batch, n_rows: int) -> int:
 def forward(net: Net, values: Numbers, observed: Indices, n_rows: int) -> int:
     """Computes the outputs for some observations; returns where they begin in `net.hidden`."""
     hidden, stride, size = net.hidden, net.stride, net.n_rows * net.n_people * net.stride
-    width, n_inputs, n_read = net.width[0], net.n_inputs, net.table.shape[1]
-    n_here = n_rows * net.n_people
-    weights_at, biases_at = net.weights_at[0], net.biases_at[0]
-    if net.ones.shape[1] > 0:
-        biases = values[biases_at : biases_at + width]
-        for r in range(n_rows):
-            total = hidden[r * stride : r * stride + width]
-            _copy(total, biases)
-            for block in range(net.ones.shape[1]):
-                at = weights_at + net.ones[observed[r], block] * width
-                _add(total, values[at : at + width])
-    else:
-        for r in range(n_rows):
-            _copy(net.rows[r * n_read : (r + 1) * n_read], net.table[observed[r]])
-        rows, weights = (net.rows, 0, n_inputs, 1), (values, weights_at, width, 1)
-        multiply(
-            (n_here, width, n_inputs), (values, biases_at), rows, weights, (hidden, 0, stride, 1)
-        )
-    for i in range(1, len(net.width)):
-        input_at, output_at = (i - 1) * size, i * size
-        for r in range(n_here):
-            _activate(hidden[input_at + r * stride : input_at + r * stride + width], net.is_relu)
-        n_in, width = width, net.width[i]
-        source, source_at = hidden, input_at
-        if i == net.n_shared:
-            n_here, source, source_at = n_rows, net.sums, 0
-            _sum_people(net, input_at, n_rows)
-        start, weights = (values, net.biases_at[i]), (values, net.weights_at[i], width, 1)
-        activated, output = (source, source_at, stride, 1), (hidden, output_at, stride, 1)
-        multiply((n_here, width, n_in), start, activated, weights, output)
-    return (len(net.width) - 1) * size
-
-
-@inlined
-def _sum_people(net: Net, at: int, n_rows: int) -> None:
-    """Adds the outputs for the people of each observation, which begin at an index of `hidden`."""
-    stride, n_people = net.stride, net.n_people
+    n_here, n_in, n_read = n_rows * net.n_people, net.n_inputs, net.table.shape[1]
+    source, source_at, row = net.rows, 0, n_in
     for r in range(n_rows):
-        total = net.sums[r * stride : (r + 1) * stride]
-        _sum_rows(net.hidden, at + r * n_people * stride, stride, n_people, total)
+        _copy(net.rows[r * n_read : (r + 1) * n_read], net.table[observed[r]])
+    for i in range(len(net.width)):
+        width, weights_at, biases_at = net.width[i], net.weights_at[i], net.biases_at[i]
+        if i > 0:
+            source, source_at, row = hidden, (i - 1) * size, stride
+            for r in range(n_here):
+                _activate(hidden[source_at + r * row : source_at + r * row + n_in], net.is_relu)
+            if i == net.n_shared:
+                n_here, source, source_at = n_rows, net.sums, 0
+                for r in range(n_rows):
+                    first = (i - 1) * size + r * net.n_people * stride
+                    total = net.sums[r * stride : (r + 1) * stride]
+                    _sum_rows(hidden, first, stride, net.n_people, total)
+        if i == 0 and net.ones.shape[1] > 0:
+            for r in range(n_rows):
+                total = hidden[r * stride : r * stride + width]
+                _copy(total, values[biases_at : biases_at + width])
+                for block in range(net.ones.shape[1]):
+                    at = weights_at + net.ones[observed[r], block] * width
+                    _add(total, values[at : at + width])
+        else:
+            inputs, weights = (source, source_at, row, 1), (values, weights_at, width, 1)
+            output = hidden, i * size, stride, 1
+            multiply((n_here, width, n_in), (values, biases_at), inputs, weights, output)
+        n_in = width
+    return (len(net.width) - 1) * size
 
 
 @inlined
@@ -294,9 +289,11 @@ def backward(net: Net, parameters: Parameters, observed: Indices, n_rows: int) -
 
 
 @inlined
-def learn(parameters: Parameters, learning_rate: float, epsilon: float, max_norm: float) -> None:
+def learn(parameters: Parameters) -> None:
     """Clips the gradient to a norm, and makes a step of Adam."""
-    values, gradient, first, second, sums, betas, n_steps = parameters
+    values, gradient, first, second, sums, betas, n_steps, learning_rate, epsilon, max_norm = (
+        parameters
+    )
     n_steps[0] += 1
     betas[0] *= _BETAS[0]
     betas[1] *= _BETAS[1]

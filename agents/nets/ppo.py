@@ -43,9 +43,6 @@ class Constants(NamedTuple):
     ent_coef: float
     vf_coef: float
     target_kl: float  # infinite: epochs are not cut short
-    learning_rate: float
-    adam_epsilon: float
-    max_grad_norm: float
 
 
 class Ppo(NamedTuple):
@@ -178,8 +175,7 @@ def _learn(agent: Ppo) -> None:
             _slope_of_critic(agent, chosen, n_distinct)
             for mlp in (agent.actor, agent.critic):
                 net.backward(mlp, agent.parameters, agent.batch.distinct, n_distinct)
-            rate, epsilon = constants.learning_rate, constants.adam_epsilon
-            net.learn(agent.parameters, rate, epsilon, constants.max_grad_norm)
+            net.learn(agent.parameters)
 
 
 @inlined
