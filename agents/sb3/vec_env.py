@@ -1,6 +1,5 @@
 """A batch of envs with the interface of Stable-Baselines3: array look-ups in one `Model`."""
 
-from collections.abc import Sequence
 from typing import Any, NoReturn
 
 import numpy as np
@@ -19,8 +18,8 @@ class SB3VecEnv(VecEnv):
     """N envs that step together, as `stable_baselines3.common.vec_env.DummyVecEnv` does.
 
     An `info` has only what SB3 reads: `terminal_observation`, `TimeLimit.truncated` and
-    `is_success` where an episode ended. A single generator serves the batch; `seed(s)` seeds it,
-    where SB3's envs would seed env i with `s + i`.
+    `is_success` where an episode ended. A single generator serves the batch; `seed(s)` seeds it
+    with `s`, where SB3's envs would seed env i with `s + i`.
     """
 
     render_mode = None
@@ -37,24 +36,18 @@ class SB3VecEnv(VecEnv):
         self._steps = np.zeros(n_envs, dtype=np.int64)  # in the episode
         self._is_disagreement = model.is_wrong_ping.ravel()
         self._is_success = model.event.ravel() == TARGET_PING
-        self._seed: int | None = None
         self._generator = np.random.default_rng()
         self._actions: Ints = np.zeros(n_envs, dtype=np.int64)
         space = observation_space(self._table, observation)
         super().__init__(n_envs, space, spaces.Discrete(len(ACTIONS)))
 
-    def seed(self, seed: int | None = None) -> Sequence[int | None]:
-        """Seeds the generator of the batch at the next reset; accepts any integer from 0."""
-        self._seed = seed
-        return [seed] * self.num_envs
-
     def reset(self) -> Observations:
         """Resets every env; returns observations (N, ...)."""
-        if self._seed is not None:
-            self._generator, self._seed = np.random.default_rng(self._seed), None
+        if self._seeds[0] is not None:
+            self._generator = np.random.default_rng(self._seeds[0])
+            self._reset_seeds()
         self._restart(np.arange(self.num_envs))
         self.disagreements = 0
-        self.reset_infos = [{} for _ in range(self.num_envs)]
         return self._observe()
 
     def step_async(self, actions: Ints) -> None:
