@@ -138,10 +138,7 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         table = observation_table(self.model, observation)
         self.observation_space = observation_space(table, observation)  # type: ignore[assignment]
         self.action_space = spaces.Discrete(len(ACTIONS))  # type: ignore[assignment]
-        self._observations: list[Observation] = (
-            table.tolist() if table.ndim == 1 else list(table)
-        )  # (O,)
-        self._observed = self.model.observation.tolist()  # (S,)
+        self._table = table  # (O, ...)
         self.s = self.model.start  # the hidden state; it may be set
         self._event = 0
 
@@ -194,8 +191,8 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         return render.to_image(scene, agent)
 
     def _observe(self) -> Observation:
-        observation = self._observations[self._observed[self.s]]
-        return observation if isinstance(observation, int) else observation.copy()
+        observation = self._table[self.model.observation[self.s]]
+        return observation.copy() if observation.ndim else int(observation)
 
 
 def _info(*values: float) -> dict[str, Any]:
