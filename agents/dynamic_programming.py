@@ -206,10 +206,12 @@ def solve(
     if horizon is None and not 0 <= discount < 1:
         raise ValueError(f"discount = {discount}; without a horizon it must lie in [0, 1).")
     reward = model.grid_reward + model.issuer_reward if issuer_rewards else model.grid_reward
-    value = np.zeros(len(model.observation))
-    q = np.zeros_like(reward)
+    value, q = np.zeros(len(model.observation)), np.zeros_like(reward)
     for _ in count() if horizon is None else range(horizon):
-        q = expected(model, value)
+        if model.n_outcomes == 1:
+            q = value[model.next_state[:, :, 0]]
+        else:
+            q = (value[model.next_state] * model.probability).sum(axis=2)
         q[model.terminated] = 0.0
         q *= discount
         q += reward
@@ -231,10 +233,3 @@ def largest_success(model: Model, horizon: int) -> float:
     reward = (model.event == TARGET_PING).astype(np.float64)
     solution = solve(replace(model, grid_reward=reward), 1.0, horizon, issuer_rewards=False)
     return float(from_starts(model) @ solution.value)
-
-
-def expected(model: Model, value: Floats) -> Floats:
-    """Returns the expected value of the next state, (S, A), from the values of all states, (S,)."""
-    if model.n_outcomes == 1:
-        return value[model.next_state[:, :, 0]]
-    return np.asarray((value[model.next_state] * model.probability).sum(axis=2))
