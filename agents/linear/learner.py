@@ -35,7 +35,7 @@ class LinearSettings(TraceSettings):
     weights for each person ("agent_pairs") or the same for all ("shared_pairs")."""
 
 
-class LinearAlgorithm(ValueAlgorithm[Training]):
+class LinearAlgorithm(ValueAlgorithm):
     """Q(lambda) or Sarsa(lambda) over tile coding, or over the features of a sparse form."""
 
     family = "linear"

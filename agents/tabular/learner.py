@@ -9,7 +9,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, Any, Generic, Literal, Self, TypeVar
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.random import SeedSequence
@@ -30,7 +30,6 @@ from envs.model import ACTIONS, Model
 # has a version, too; both only rise, so their sum is new after every change.
 VERSION = 3
 
-TrainingT = TypeVar("TrainingT", bound=Training)
 MAX_RECORDS = 10_000_000  # records of the largest action value that an agent may have
 
 
@@ -126,13 +125,13 @@ class TabularTraining(Training):
     episodes_ended: Ints  # (N,)
 
 
-class ValueAlgorithm(Algorithm, Generic[TrainingT]):
+class ValueAlgorithm(Algorithm):
     """An algorithm that learns action values in a compiled loop, `batch_size` agents in a call."""
 
     packages = ("numba",)
     placement = "thread"
     policies = ("greedy",)
-    training: type[TrainingT]
+    training: type[Training]
 
     @abstractmethod
     def loop(
@@ -151,7 +150,7 @@ class ValueAlgorithm(Algorithm, Generic[TrainingT]):
         observation: str,
         seeds: Sequence[SeedSequence],
         schedule: Schedule,
-    ) -> TrainingT:
+    ) -> Training:
         """Trains agents; raises an InputError if their loop needs too much memory."""
         loop, n_parameters = self.loop(model, settings, observation)
         n_agents, n_steps, n_maps = (
@@ -203,7 +202,7 @@ class ValueAlgorithm(Algorithm, Generic[TrainingT]):
         return result
 
 
-class TabularAlgorithm(ValueAlgorithm[TabularTraining]):
+class TabularAlgorithm(ValueAlgorithm):
     """An algorithm that learns a table by an update rule, which has its settings and version."""
 
     family: Family = "tabular"

@@ -445,7 +445,7 @@ def digest_of_all() -> str:
                     if field.name != "cpu_time_s":
                         digest.update(np.ascontiguousarray(getattr(training, field.name)).tobytes())
     settings = learner.Settings(budget=1000)
-    table = learner.Q_LEARNING.train(
+    table: Any = learner.Q_LEARNING.train(
         NOISY_MOODY, settings, "index", sequences(), Schedule(1000, (1000,))
     )
     evaluation = evaluate(NOISY_MOODY, mask_policy(table.greedy[:, -1]), 200)
