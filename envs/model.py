@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from envs.arrays import Bools, Codes, Floats, Indices, Ints
 from envs.layout import NEW_PLACE, NEW_WAY, SEEN, random_orders, shown_cells
-from envs.people import BoundedFeedback, NoisyFeedback, Onlookers, OwnFeedback, Ping
+from envs.people import BoundedFeedback, Onlookers, OwnFeedback, Ping
 from envs.regions import ISSUER, TARGET, UNCOMFORTABLE, ZONES
 from envs.scenario import Scenario
 
@@ -497,8 +497,6 @@ def _feedback(scenario: Scenario) -> Feedback:
                 value, width = (low + high) / 2, (high - low) / 2
             case BoundedFeedback(low=low, high=high):
                 value = np.where(layout.zone[:, :, None] == TARGET, high, low)
-            case NoisyFeedback():
-                width = its.noise
             case OwnFeedback():
                 low, high = _own_rewards(
                     scenario, its, k, nearest == k, far[:, :, k], from_start[:, k]

@@ -31,15 +31,6 @@ class PlainFeedback(Table):
     """Which of the three."""
 
 
-class NoisyFeedback(Table):
-    """Feedback by distance plus a number drawn at each PING, uniform within `noise`."""
-
-    kind: Literal["noisy"]
-    """This kind."""
-    noise: Annotated[float, Field(gt=0, le=1e6)]
-    """Half the width of the interval that the number is drawn from."""
-
-
 class BoundedFeedback(Table):
     """A reward drawn uniformly between bounds at each PING, or `high` if correct, else `low`."""
 
@@ -118,7 +109,6 @@ FEEDBACK = {  # in words, by kind
     "none": "no feedback",
     "uniform": "random feedback",
     "distance": "feedback by distance",
-    "noisy": "noisy feedback by distance",
     "delayed": "delayed feedback by distance",
     "binary": "binary feedback",
 }
@@ -127,7 +117,6 @@ Feedback = Annotated[
     Annotated[PlainFeedback, Tag("none")]
     | Annotated[BoundedFeedback, Tag("uniform")]
     | Annotated[PlainFeedback, Tag("distance")]
-    | Annotated[NoisyFeedback, Tag("noisy")]
     | Annotated[PlainFeedback, Tag("delayed")]
     | Annotated[BoundedFeedback, Tag("binary")]
     | Annotated[OwnFeedback, Tag("module:attribute")],

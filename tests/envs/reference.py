@@ -218,11 +218,7 @@ class Reference:
                 is_right = self.zone(self.places[place], self.clock[tick], cell) == "target"
                 return feedback["high" if is_right else "low"], 0.0, False
             case kind:
-                return (
-                    -distances[k] / self.at_start(place, k),
-                    feedback.get("noise", 0.0),
-                    kind == "delayed",
-                )
+                return (-distances[k] / self.at_start(place, k), 0.0, kind == "delayed")
 
     def answering(self, place: int, tick: int) -> list[Tables]:
         people = self.people(self.places[place], self.clock[tick])

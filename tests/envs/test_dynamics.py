@@ -34,7 +34,6 @@ feedback = st.one_of(
     st.fixed_dictionaries(
         {"kind": st.sampled_from(["uniform", "binary"]), "low": st.just(-1.5), "high": st.just(1)}
     ),
-    st.fixed_dictionaries({"kind": st.just("noisy"), "noise": st.just(0.5)}),
 )
 
 

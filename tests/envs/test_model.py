@@ -65,7 +65,7 @@ def test_compiling_in_chunks_makes_no_difference(monkeypatch: pytest.MonkeyPatch
     others = [{"position": [0, 1], "walk": {"corners": [[0, 3]]}}]
     changes = {
         "issuer.places": 7,
-        "issuer.feedback": {"kind": "noisy", "noise": 0.5},
+        "issuer.feedback": {"kind": "uniform", "low": -1, "high": 0},
         "others": others,
     }
     scenario = load_scenario("TwoTalking", changes)
