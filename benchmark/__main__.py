@@ -10,15 +10,15 @@ from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Final, NoReturn
+from typing import Any, NoReturn
 
 from benchmark import __version__
 from envs.inputs import InputError
 from envs.packages import contained, needed_by
 from envs.sources import VARIABLES
 
-_INTERRUPTED: Final = "interrupted: what is stored is kept; repeat the command to go on."
-_EPILOG: Final = """\
+_INTERRUPTED = "interrupted: what is stored is kept; repeat the command to go on."
+_EPILOG = """\
 examples:
   python -m benchmark list                         scenarios, algorithms, experiments
   python -m benchmark run reproduce --report       missing runs on all cores, then results/reproduce
@@ -121,7 +121,7 @@ class _Parser(argparse.ArgumentParser):
 
 # What each command does, and its options: `!` marks those that must be given, `?` an argument that
 # can be left out, `+` those that take several values, and `=` is followed by a default.
-COMMANDS: Final = {
+COMMANDS = {
     "list": ("show scenarios, algorithms and experiments", ""),
     "run": (
         "train the missing runs of an experiment, and publish all runs",
@@ -158,7 +158,7 @@ COMMANDS: Final = {
     ),
 }
 # The value that each option takes, none if it is only given or not, and what it means
-_OPTIONS: Final = {
+_OPTIONS = {
     "experiment": ("EXPERIMENT", "a name shown by 'list', or the path of a TOML file"),
     "algorithm": (
         "ALGO",

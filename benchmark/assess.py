@@ -8,7 +8,7 @@ import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,9 +32,9 @@ with needed_by("benchmark.assess"):
 
 Act = Callable[[Any], object]  # from an observation to an action, or to probabilities of actions
 
-HORIZON: Final = 200  # steps after which an episode is truncated, as in the published experiments
-PICTURES: Final = (".png", ".svg")  # endings of files
-_TOLERANCE: Final = 1e-5  # for probabilities, which may be of single precision
+HORIZON = 200  # steps after which an episode is truncated, as in the published experiments
+PICTURES = (".png", ".svg")  # endings of files
+_TOLERANCE = 1e-5  # for probabilities, which may be of single precision
 
 
 def main(options: argparse.Namespace) -> int:

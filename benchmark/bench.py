@@ -10,7 +10,7 @@ import tomllib
 from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from benchmark.executors import usable_cores
 from benchmark.experiment import Experiment, load_experiment
@@ -23,10 +23,10 @@ from envs import InputError
 from envs.inputs import shortened
 from envs.sources import find_modules_in
 
-SEEDS: Final = 5
-FIRST_SEED: Final = 1000  # as of the published learners, so that the same cells are drawn
-_STEPS_PER_SECOND: Final = 1000  # of DQN of Stable-Baselines3, on one core
-_SHARED: Final = ("budget", "time_limit")  # settings that the suite fixes
+SEEDS = 5
+FIRST_SEED = 1000  # as of the published learners, so that the same cells are drawn
+_STEPS_PER_SECOND = 1000  # of DQN of Stable-Baselines3, on one core
+_SHARED = ("budget", "time_limit")  # settings that the suite fixes
 
 
 def main(options: argparse.Namespace) -> int:

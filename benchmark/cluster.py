@@ -6,7 +6,7 @@ import pickle
 from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import Future
 from contextlib import suppress
-from typing import Any, Final
+from typing import Any
 
 from distributed import Client, Worker, get_worker
 from distributed.client import ClosedClientError, FutureCancelledError
@@ -18,8 +18,8 @@ from benchmark.store import Record
 from envs import InputError
 from envs.sources import SEARCHED, find_modules_in
 
-_ANSWER_S: Final = 10  # to wait for the scheduler: at the start, and when the connection is lost
-_WORKER_S: Final = 60  # to wait for the first worker
+_ANSWER_S = 10  # to wait for the scheduler: at the start, and when the connection is lost
+_WORKER_S = 60  # to wait for the first worker
 
 
 class Cluster:

@@ -11,13 +11,13 @@ from contextlib import suppress
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
-from typing import Final, Protocol
+from typing import Protocol
 
 from agents.sb3 import use_same_instructions
 from benchmark.job import Job, execute_job
 from benchmark.store import Record
 
-_PR_SET_PDEATHSIG: Final = 1  # of prctl: send a signal when the parent thread ends
+_PR_SET_PDEATHSIG = 1  # of prctl: send a signal when the parent thread ends
 
 
 def usable_cores() -> int:
@@ -133,7 +133,4 @@ def _serve(connection: Connection) -> None:
 
 
 # Each is called with the largest number of jobs that the executor will be given at a time.
-EXECUTORS: Final[dict[str, type[Processes] | type[Threads]]] = {
-    "process": Processes,
-    "thread": Threads,
-}
+EXECUTORS: dict[str, type[Processes] | type[Threads]] = {"process": Processes, "thread": Threads}

@@ -17,7 +17,7 @@ from functools import cached_property
 from itertools import chain, product, zip_longest
 from os.path import isfile, join  # which take any text for a path
 from pathlib import Path
-from typing import Annotated, Final, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -41,14 +41,14 @@ from envs.inputs import (
 )
 from envs.sources import find_modules_in
 
-EXPERIMENT_DIRECTORY: Final = Path(__file__).parent / "experiments"
+EXPERIMENT_DIRECTORY = Path(__file__).parent / "experiments"
 # The experiments whose results are published, in the order of README. .gitignore lists them, too.
-PUBLISHED: Final = ("reproduce", "compare_deep", "when", "suite", "tuning")
-_MINIATURE: Final = "_smoke"  # how its name ends
+PUBLISHED = ("reproduce", "compare_deep", "when", "suite", "tuning")
+_MINIATURE = "_smoke"  # how its name ends
 # Folders of results that are not those of an experiment, or not of its declared seeds
-_RESERVED: Final = "speed|.*_smoke|.*_seeds_.*"
+_RESERVED = "speed|.*_smoke|.*_seeds_.*"
 # Tables that studies of this project do not read
-_UNREAD: Final = {
+_UNREAD = {
     "comparison": ("readings", "grids", "search", "solved"),
     "replication": ("grids", "search", "solved"),
     "map": ("readings", "search"),
@@ -431,7 +431,7 @@ def _tables(path: Path) -> dict[str, object]:
 
 
 # What readers call forms of observation
-OBSERVED: Final = {
+OBSERVED = {
     "index": "the cells' index",
     "one_hot": "one-hot cells",
     "factored": "one-hot rows and columns",
@@ -449,7 +449,7 @@ OBSERVED: Final = {
     "planes": "images of the room",
 }
 # A table has a row for each observation, in whatever form it is given.
-_ROWS: Final = {"index": "", "one_hot": "", "offset": " of offsets"}
+_ROWS = {"index": "", "one_hot": "", "offset": " of offsets"}
 
 
 @dataclass(frozen=True, eq=False)

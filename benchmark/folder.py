@@ -16,19 +16,19 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from io import BytesIO
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import pandas as pd
 
 from envs import InputError
 from envs.inputs import check_all
 
-MANIFEST: Final = "manifest.json"
-README: Final = "README.md"
-MEANINGS: Final = "columns.csv"
-SEAL: Final = "sha256"  # the last key: the digest of all others, as JSON with sorted keys
-REPOSITORY: Final = Path(__file__).parents[1]
-_AGAIN: Final = "make these results again"
+MANIFEST = "manifest.json"
+README = "README.md"
+MEANINGS = "columns.csv"
+SEAL = "sha256"  # the last key: the digest of all others, as JSON with sorted keys
+REPOSITORY = Path(__file__).parents[1]
+_AGAIN = "make these results again"
 
 
 # Reading

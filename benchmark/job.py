@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from functools import cache, partial
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,12 +30,12 @@ Job = list[RunSpecification]
 Floats = NDArray[np.float64]
 
 # Of a job with several runs: budget units, since an interrupt waits for jobs in threads, and bytes.
-MAX_JOB_WORK: Final = 10_000_000
-MAX_JOB_SIZE: Final = 250_000_000
-EXPLORED: Final = 0.05  # probability of a random action, for learners without a stochastic policy
+MAX_JOB_WORK = 10_000_000
+MAX_JOB_SIZE = 250_000_000
+EXPLORED = 0.05  # probability of a random action, for learners without a stochastic policy
 # Fields of `Training` that exports need, also of runs that record only curves.
-POLICY: Final = ("greedy", "q", "stochastic")
-_CURVE: Final = ("disagreements", "cpu_time_s", "updates", "parameters", "diverged_at")
+POLICY = ("greedy", "q", "stochastic")
+_CURVE = ("disagreements", "cpu_time_s", "updates", "parameters", "diverged_at")
 
 
 def plan(runs: Sequence[RunSpecification]) -> list[Job]:

@@ -5,7 +5,6 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
@@ -14,8 +13,8 @@ from benchmark.tables import RUNS, read_table
 from envs import InputError
 
 # How often progress is shown
-_REWRITTEN_S: Final = 0.5  # in a terminal
-_LINE_S: Final = 30.0
+_REWRITTEN_S = 0.5  # in a terminal
+_LINE_S = 30.0
 
 
 class Display:

@@ -8,7 +8,7 @@ from contextlib import suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import llvmlite.binding
 import numpy as np
@@ -16,13 +16,13 @@ import numpy as np
 from agents import load_algorithm
 from envs.packages import missing_package
 
-_PACKAGES: Final = (
+_PACKAGES = (
     "gymnasium", "llvmlite", "matplotlib", "numba", "numpy", "pandas", "scipy", "seaborn",
 )  # fmt: skip
-_FEATURES: Final = ("avx", "avx2", "fma", "avx512f")
-_ROOT: Final = Path(__file__).parents[1]
-_FOLDERS: Final = ("agents", "benchmark", "envs")
-_SHOWN: Final = 12  # digits of a digest in a message
+_FEATURES = ("avx", "avx2", "fma", "avx512f")
+_ROOT = Path(__file__).parents[1]
+_FOLDERS = ("agents", "benchmark", "envs")
+_SHOWN = 12  # digits of a digest in a message
 
 
 @cache

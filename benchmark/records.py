@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +19,8 @@ from envs.observations import compile_seen
 Array = NDArray[Any]
 Floats = NDArray[np.float64]
 
-OPTIMUM_TOLERANCE: Final = 1e-9  # up to this distance a policy counts as optimal
-_DIGITS: Final = 9  # of scores, so that rounding does not make one of two optima the better one
+OPTIMUM_TOLERANCE = 1e-9  # up to this distance a policy counts as optimal
+_DIGITS = 9  # of scores, so that rounding does not make one of two optima the better one
 
 
 @dataclass(frozen=True, eq=False)

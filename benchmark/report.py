@@ -20,7 +20,7 @@ from importlib.util import find_spec
 from inspect import getdoc
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Final
+from typing import Any
 
 import pandas as pd
 
@@ -47,12 +47,12 @@ from envs import InputError
 from envs.inputs import check_all, parse, unknown_name
 from envs.packages import imported
 
-STUDIES: Final = ("comparison", "map", "replication", "search", "suite")
-_MAX_WORDS: Final = 900  # of README of a folder
-_MAX_ROWS: Final = 24  # of a table in README; longer ones are only linked
-_PACKED: Final = (tables.RUNS, tables.CURVES, tables.AGENTS)  # which `run` publishes
+STUDIES = ("comparison", "map", "replication", "search", "suite")
+_MAX_WORDS = 900  # of README of a folder
+_MAX_ROWS = 24  # of a table in README; longer ones are only linked
+_PACKED = (tables.RUNS, tables.CURVES, tables.AGENTS)  # which `run` publishes
 # What columns mean: of runs and curves, and of any other table. A star stands for part of a name.
-_OF_RUNS: Final = """\
+_OF_RUNS = """\
 scenario: scenario
 grid: grid of the experiment
 point: point of the grid
@@ -87,7 +87,7 @@ machine: system and cores
 processor: processor, and library of linear algebra
 versions: versions of packages, as JSON
 """
-_OF_OTHERS: Final = """\
+_OF_OTHERS = """\
 n: runs
 x: the learner that is compared
 y: the learner that it is compared with
@@ -97,8 +97,8 @@ differs: what else differs between x and y
 *_x: * of x
 *_y: * of y
 """
-RUN_COLUMNS: Final = dict(line.split(": ", 1) for line in _OF_RUNS.splitlines())
-COLUMNS: Final = RUN_COLUMNS | dict(line.split(": ", 1) for line in _OF_OTHERS.splitlines())
+RUN_COLUMNS = dict(line.split(": ", 1) for line in _OF_RUNS.splitlines())
+COLUMNS = RUN_COLUMNS | dict(line.split(": ", 1) for line in _OF_OTHERS.splitlines())
 
 
 class ClaimError(InputError):

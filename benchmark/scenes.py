@@ -6,7 +6,7 @@ corner.
 
 import math
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -36,18 +36,18 @@ from envs.scene import (
     scene_of,
 )
 
-RGB: Final = {kind: "#{:02x}{:02x}{:02x}".format(*colour) for kind, colour in COLOURS.items()}
+RGB = {kind: "#{:02x}{:02x}{:02x}".format(*colour) for kind, colour in COLOURS.items()}
 Style = dict[str, Any]  # keyword arguments of an artist
 
-_DASHES: Final = (0, (2, 1.5))
-_DOTS: Final = (0, (1, 1.5))
-_BELOW: Final = patheffects.withStroke(
+_DASHES = (0, (2, 1.5))
+_DOTS = (0, (1, 1.5))
+_BELOW = patheffects.withStroke(
     linewidth=3, foreground="black", dashes={"dash_offset": 0, "dash_list": None}
 )
-_ON_ZONES: Final[Style] = {"fill": False, "ec": "black", "lw": 0.8}
+_ON_ZONES: Style = {"fill": False, "ec": "black", "lw": 0.8}
 # Light above dark, which can be seen on any colour
-_ON_VALUES: Final[Style] = {"fill": False, "ec": "white", "lw": 1.6, "path_effects": [_BELOW]}
-_GLYPHS: Final[dict[str, Style]] = {
+_ON_VALUES: Style = {"fill": False, "ec": "white", "lw": 1.6, "path_effects": [_BELOW]}
+_GLYPHS: dict[str, Style] = {
     kind: {"ls": "", "marker": marker, "ms": size, "mfc": colour, "mec": "black", "mew": 0.8}
     for kind, marker, size, colour in (
         ("issuer", "*", 9, "white"),
@@ -56,11 +56,11 @@ _GLYPHS: Final[dict[str, Style]] = {
         ("start", "s", 5, "white"),
     )
 }
-_SIGN: Final[Style] = {"ls": "", "color": "black", "ms": 4}
+_SIGN: Style = {"ls": "", "color": "black", "ms": 4}
 # Hatched, since the colours of values include greys.
-_WALL: Final[Style] = {"fc": RGB["wall"], "ec": RGB["line"], "lw": 0, "hatch": "////"}
+_WALL: Style = {"fc": RGB["wall"], "ec": RGB["line"], "lw": 0, "hatch": "////"}
 
-_TIE: Final = 1e-9  # moves whose probabilities differ by less are equally likely
+_TIE = 1e-9  # moves whose probabilities differ by less are equally likely
 
 # The gallery: maps in a row, inches of a row and of the legend
 _COLUMNS, _ROW, _LEGEND = 5, 1.65, 0.7

@@ -8,7 +8,7 @@ from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -17,9 +17,9 @@ from envs import ACTIONS, Scenario
 from envs.observations import seen_as
 from envs.sources import digest_when_loaded
 
-DEFAULT_CONDITION: Final = "default"
+DEFAULT_CONDITION = "default"
 # What a run's result does not depend on, and its seed
-_NO_IDENTITY: Final = ("condition", "seed", "keep")
+_NO_IDENTITY = ("condition", "seed", "keep")
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import gymnasium
 import pandas as pd
@@ -23,7 +23,7 @@ from benchmark.provenance import provenance
 from envs import Model, compile_scenario, load_scenario
 from envs.inputs import parse, read_toml
 
-_ABOUT: Final = """# Speed against alternatives
+_ABOUT = """# Speed against alternatives
 
 Steps per second of CPU time while training in S1: of this project, of an alternative in the same
 process (`baseline`), and how many times as many the first makes. Rows named `net_` train with the
@@ -35,11 +35,11 @@ settings of `speed_nets.toml`. `make speed` measures all of it anew.
 
 Measured on: {machine}. Machines differ and are noisy; ratios differ, too.
 """
-_ENV: Final = "envs:Proxemic/S1-v0"
-_NETS: Final = Path(__file__).with_name("speed_nets.toml")
-_LOOP: Final = "a tuned Python loop over gymnasium.make: Q in lists, Python's own random numbers"
-_SB3: Final = "Stable-Baselines3"
-_TURNS: Final = 6
+_ENV = "envs:Proxemic/S1-v0"
+_NETS = Path(__file__).with_name("speed_nets.toml")
+_LOOP = "a tuned Python loop over gymnasium.make: Q in lists, Python's own random numbers"
+_SB3 = "Stable-Baselines3"
+_TURNS = 6
 
 
 class Side(NamedTuple):

@@ -11,7 +11,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from benchmark.folder import lock
 from envs import InputError
 
-VALUE_DECIMALS: Final = 3  # to which a record's values are rounded
-_APPLICATION_ID: Final = 0x50524F58  # "PROX"
-_FORMAT: Final = 4
-_EFFORT: Final = 1  # of compression: half the time of 6, for 6 % more space
-_CREATE: Final = f"""
+VALUE_DECIMALS = 3  # to which a record's values are rounded
+_APPLICATION_ID = 0x50524F58  # "PROX"
+_FORMAT = 4
+_EFFORT = 1  # of compression: half the time of 6, for 6 % more space
+_CREATE = f"""
 BEGIN IMMEDIATE;
 CREATE TABLE IF NOT EXISTS runs (
   digest TEXT PRIMARY KEY,
@@ -41,16 +41,16 @@ PRAGMA application_id = {_APPLICATION_ID};
 PRAGMA user_version = {_FORMAT};
 COMMIT
 """
-_COLUMNS: Final = "digest, specification, status, error, provenance, checksum, head"
+_COLUMNS = "digest, specification, status, error, provenance, checksum, head"
 # No failure replaces a valid record: another driver may have executed the run meanwhile.
-_ADD: Final = f"""
+_ADD = f"""
 INSERT OR REPLACE INTO runs ({_COLUMNS}, arrays)
 WITH new ({_COLUMNS}, arrays) AS (VALUES (?, ?, ?, ?, ?, ?, ?, ?)) SELECT * FROM new
 WHERE status != 'failed'
 OR NOT EXISTS (SELECT 1 FROM runs WHERE digest = new.digest AND status != 'failed')
 """
-MOVE: Final = "move it away, or choose another folder with --results"
-_CHECK: Final = "check that its folder is writable and has free space, and try again"
+MOVE = "move it away, or choose another folder with --results"
+_CHECK = "check that its folder is writable and has free space, and try again"
 Arrays = Mapping[str, NDArray[Any]]
 Provenance = Mapping[str, Any]  # a record's versions, commit, machine and times
 

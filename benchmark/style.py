@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from textwrap import fill
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 from benchmark.experiment import OBSERVED, Learner
 from envs import InputError
 
-WIDTH: Final = 7.9  # inches: a wider figure would be shrunk where it is read
-_CHARACTERS: Final = 23  # of a line of text beside a chart
-_RC: Final = {
+WIDTH = 7.9  # inches: a wider figure would be shrunk where it is read
+_CHARACTERS = 23  # of a line of text beside a chart
+_RC = {
     **sns.axes_style("ticks"),
     **sns.plotting_context("paper", font_scale=1.1),
     "svg.hashsalt": "proxemic",  # otherwise equal figures get different identifiers
@@ -39,7 +39,7 @@ _RC: Final = {
 # Colour and marker of a variant, in every figure. Tables are black, grey or green, linear learners
 # red, DQN blue, PPO orange. In grey, brightness differs.
 Look = dict[str, Any]
-_KNOWN: Final[Mapping[str, tuple[str, str]]] = {
+_KNOWN: Mapping[str, tuple[str, str]] = {
     "q_learning": ("#000000", "o"),
     "watkins_q_lambda": ("#00856a", "D"),
     "replay_table": ("#17a2b8", "*"),
@@ -51,8 +51,8 @@ _KNOWN: Final[Mapping[str, tuple[str, str]]] = {
     "ppo_default": ("#7a3b12", "h"),
 }
 # Other variants take the first of these pairs that is free.
-_HUES: Final = ("#8f1d2c", "#3f7f93", "#b59b00", "#5b5b5b", "#d98880", "#6a3d9a")
-_OTHERS: Final = [(hue, marker) for marker in "sDo^vPX*dhp<>" for hue in _HUES]
+_HUES = ("#8f1d2c", "#3f7f93", "#b59b00", "#5b5b5b", "#d98880", "#6a3d9a")
+_OTHERS = [(hue, marker) for marker in "sDo^vPX*dhp<>" for hue in _HUES]
 
 
 def look(learner: Learner, others: Iterable[Learner] = ()) -> Look:
@@ -117,10 +117,10 @@ def save(figure: Figure, path: Path) -> None:
         figure.savefig(path, dpi=144, metadata={"Software": None})
 
 
-_TAG: Final = re.compile(r"<[a-z][^>]*>")
-_LENGTHS: Final = re.compile(r' (?:d|x|y|width|height|transform)="[^"]*"')
-_DECIMAL: Final = re.compile(r"-?\d+\.\d+(?:e-?\d+)?")
-_NAME: Final = re.compile(r'( id="|href="#|url\(#)([^")]*)')
+_TAG = re.compile(r"<[a-z][^>]*>")
+_LENGTHS = re.compile(r' (?:d|x|y|width|height|transform)="[^"]*"')
+_DECIMAL = re.compile(r"-?\d+\.\d+(?:e-?\d+)?")
+_NAME = re.compile(r'( id="|href="#|url\(#)([^")]*)')
 
 
 def svg(figure: Figure) -> str:

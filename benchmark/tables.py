@@ -15,7 +15,7 @@ import zlib
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -28,15 +28,15 @@ from benchmark.store import Store, evaluated
 from envs import ZONES, InputError
 from envs.inputs import shortened
 
-RUNS: Final = "runs.csv.gz"
-CURVES: Final = "curves.csv.gz"
-AGENTS: Final = "agents.json.gz"  # what the explorer shows, see `benchmark.page.explorer`
-KEYS: Final = ("scenario", "grid", "point", "reading", "trial", "learner")
-_COSTS: Final = ("cpu_time_s", "cpu_learned_s", "peak_memory_mb", "wall_time_s")
-_MADE: Final = ("started_at", "commit", "machine", "processor", "versions")
+RUNS = "runs.csv.gz"
+CURVES = "curves.csv.gz"
+AGENTS = "agents.json.gz"  # what the explorer shows, see `benchmark.page.explorer`
+KEYS = ("scenario", "grid", "point", "reading", "trial", "learner")
+_COSTS = ("cpu_time_s", "cpu_learned_s", "peak_memory_mb", "wall_time_s")
+_MADE = ("started_at", "commit", "machine", "processor", "versions")
 # These differ between machines, or whenever a run is repeated.
-MEASURED: Final = (*_COSTS, *_MADE)
-_TEXTS: Final = ("scenario", "grid", "point", "reading", "learner", "run", "policy", *_MADE)
+MEASURED = (*_COSTS, *_MADE)
+_TEXTS = ("scenario", "grid", "point", "reading", "learner", "run", "policy", *_MADE)
 
 
 class Group(NamedTuple):

@@ -12,7 +12,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Final
 
 import numpy as np
 import pandas as pd
@@ -27,9 +26,9 @@ from benchmark.trials import chosen_file, read_chosen
 from envs import InputError
 from envs.inputs import whole_number
 
-_MOST: Final = 1_000_000  # of runs to repeat, and of seeds that select them
-_STORE: Final = "runs.db"
-_TEXTS: Final = (README, "index.html", "scenes.svg")  # about all published results
+_MOST = 1_000_000  # of runs to repeat, and of seeds that select them
+_STORE = "runs.db"
+_TEXTS = (README, "index.html", "scenes.svg")  # about all published results
 Tables = tuple[pd.DataFrame, pd.DataFrame]
 
 

@@ -8,7 +8,6 @@ import argparse
 import sys
 from functools import partial
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 from matplotlib import patheffects
@@ -28,21 +27,21 @@ from benchmark.style import check_file, figure_of, settings
 from envs import EVENTS, InputError, Model
 from envs.scene import colour_limits, scene_of
 
-CIRCLE: Final = "goes in circles"
-HORIZON: Final = "step limit reached"
-ENDINGS: Final = {
+CIRCLE = "goes in circles"
+HORIZON = "step limit reached"
+ENDINGS = {
     "target_ping": "success",
     "issuer_reached": "ran into the person",
     "last_wrong_ping": "too many wrong PINGs",
 }
-ANIMATIONS: Final = (".webp", ".gif")  # endings of files
-_DPI: Final = 100
-_CELL: Final = 0.34  # inches
-_MAX_SIDE: Final = 20  # inches, of a map
-_FPS: Final = 3
-_OUTLINED: Final = [patheffects.withStroke(linewidth=2.8, foreground="white")]
-_PATH: Final[Style] = {"color": RGB["path"], "lw": 1.5, "path_effects": _OUTLINED, "zorder": 1.6}
-_AGENT: Final[Style] = {"color": RGB["path"], "ms": 8, "mec": "white", "mew": 1, "zorder": 1.7}
+ANIMATIONS = (".webp", ".gif")  # endings of files
+_DPI = 100
+_CELL = 0.34  # inches
+_MAX_SIDE = 20  # inches, of a map
+_FPS = 3
+_OUTLINED = [patheffects.withStroke(linewidth=2.8, foreground="white")]
+_PATH: Style = {"color": RGB["path"], "lw": 1.5, "path_effects": _OUTLINED, "zorder": 1.6}
+_AGENT: Style = {"color": RGB["path"], "ms": 8, "mec": "white", "mew": 1, "zorder": 1.7}
 
 
 def main(options: argparse.Namespace) -> int:

@@ -9,16 +9,16 @@ import time
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from benchmark.experiment import Experiment, interleaved
 from benchmark.specification import RunSpecification
 from benchmark.store import Record, Store
 from envs import InputError, load_scenario
 
-ROOT: Final = Path(__file__).parents[1]
-_PYPROJECT: Final = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-PROJECT: Final[dict[str, Any]] = tomllib.loads(_PYPROJECT)["project"]
+ROOT = Path(__file__).parents[1]
+_PYPROJECT = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+PROJECT: dict[str, Any] = tomllib.loads(_PYPROJECT)["project"]
 
 
 def variant(
@@ -66,9 +66,9 @@ def _inline(value: object) -> str:
     return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else f"{value}".lower()
 
 
-PATIENCE_S: Final = 180  # on a loaded machine; nothing waits that long elsewhere
+PATIENCE_S = 180  # on a loaded machine; nothing waits that long elsewhere
 # Eight jobs of a fifth of a second each, in plain Python
-SLOW_EXPERIMENT: Final = small_experiment(
+SLOW_EXPERIMENT = small_experiment(
     evaluation_every=60000,
     map_every=60000,
     settings={"budget": 60000},

@@ -8,7 +8,6 @@ import zipfile
 from collections.abc import Iterable
 from importlib.metadata import packages_distributions
 from pathlib import Path
-from typing import Final
 
 import pytest
 from packaging.requirements import Requirement
@@ -19,7 +18,7 @@ from envs.packages import extras, package_of
 from tests.support import PROJECT, ROOT, copy_compiled, copy_sources
 from tests.test_layering import imported
 
-LAYERS: Final = ("agents", "benchmark", "envs")
+LAYERS = ("agents", "benchmark", "envs")
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +68,7 @@ def python(
     return subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True)
 
 
-COMMAND: Final = "from benchmark.__main__ import script; sys.exit(script())"
+COMMAND = "from benchmark.__main__ import script; sys.exit(script())"
 
 
 def test_distributions_have_every_file(built: Path) -> None:

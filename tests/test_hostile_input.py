@@ -6,7 +6,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final, NoReturn
+from typing import Any, NoReturn
 
 import pytest
 
@@ -22,7 +22,7 @@ from tests.support import ROOT, small_experiment, toml, variant
 EXPERIMENT = small_experiment(horizon=200)
 NUMBERS = True, -1, 0, 1.5, float("nan"), 10**400
 TEXTS = "", "x" * 5000, "\u001b[31m", "a\nb", "../x", "marker:x"
-VALUES: Final[tuple[Any, ...]] = (*NUMBERS, *TEXTS, [], [[]], [1] * 1000, {}, {"a": {"a": 1}})
+VALUES: tuple[Any, ...] = (*NUMBERS, *TEXTS, [], [[]], [1] * 1000, {}, {"a": {"a": 1}})
 
 
 def up(_: object) -> int:

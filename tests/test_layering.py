@@ -7,17 +7,16 @@ import sys
 from functools import cache
 from importlib.metadata import packages_distributions
 from pathlib import Path
-from typing import Final
 
 import pytest
 
 from envs.packages import extras, package_of
 from tests.support import ROOT
 
-LAYERS: Final = ("envs", "agents", "benchmark", "tests")
-MAX_FLOORS: Final = 8  # of modules in `benchmark`, each of which imports from floors below alone
-MAX_FILES: Final = 33  # of Python, but in `experiments` and `page`
-NETS: Final = {"torch", "stable_baselines3"}
+LAYERS = ("envs", "agents", "benchmark", "tests")
+MAX_FLOORS = 8  # of modules in `benchmark`, each of which imports from floors below alone
+MAX_FILES = 33  # of Python, but in `experiments` and `page`
+NETS = {"torch", "stable_baselines3"}
 
 
 @cache
@@ -96,7 +95,7 @@ def test_packages_are_loaded_only_when_they_are_needed(code: str, not_loaded: se
 
 
 # Packages that this project uses have settings of their own, so they are imported before.
-CODE: Final = """
+CODE = """
 import importlib, locale, logging, multiprocessing, os, pkgutil, random, signal, sys, threading
 import warnings
 import gymnasium, matplotlib, numpy, pandas, rich.console, scipy.optimize, scipy.signal, scipy.stats

@@ -9,7 +9,6 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 from string import Template
-from typing import Final
 from urllib.parse import quote
 
 from markdown_it import MarkdownIt
@@ -17,10 +16,10 @@ from markdown_it import MarkdownIt
 from benchmark.folder import README, Folder, write_text
 from benchmark.tables import AGENTS
 
-_HERE: Final = Path(__file__).parent
+_HERE = Path(__file__).parent
 # The page's script: these share one scope, in this order.
-_SCRIPTS: Final = ("elements", "room", "agent", "scene", "walk", "panel", "main")
-_MENUS: Final = {
+_SCRIPTS = ("elements", "room", "agent", "scene", "walk", "panel", "main")
+_MENUS = {
     "experiment": "Experiment",
     "scenario": "Scenario",
     "learner": "Learner",
@@ -29,16 +28,16 @@ _MENUS: Final = {
     "tick": "Phase",
     "pings": "Wrong PINGs",
 }
-_INTRODUCTION: Final = (
+_INTRODUCTION = (
     "An agent walks up to a person and must learn, from rewards alone, how close is close enough to"
     " stop and ask (PING). This benchmark replicates a paper's Q-learning table, and compares"
     " tables and tile coding with neural nets (DQN and PPO)."
 )
-_QUESTION: Final = "When does deep RL earn its keep over a table?"
-_MARKDOWN: Final = MarkdownIt("commonmark", {"html": False}).enable("table")
-_FIGURE: Final = re.compile(r'<img src="([\w.-]+\.svg)"')
-_LINK: Final = re.compile(r'<a href="(?![a-z]+:|#|/)')
-_ESCAPED: Final = {ord(each): quote(each) for each in "%#&'\n"}  # in an address in single quotes
+_QUESTION = "When does deep RL earn its keep over a table?"
+_MARKDOWN = MarkdownIt("commonmark", {"html": False}).enable("table")
+_FIGURE = re.compile(r'<img src="([\w.-]+\.svg)"')
+_LINK = re.compile(r'<a href="(?![a-z]+:|#|/)')
+_ESCAPED = {ord(each): quote(each) for each in "%#&'\n"}  # in an address in single quotes
 
 
 def write(where: Path, folders: Sequence[Folder]) -> Path:

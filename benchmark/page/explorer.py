@@ -10,7 +10,7 @@ import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from matplotlib.colors import to_hex
@@ -25,10 +25,10 @@ from envs import scene as drawn
 from envs.model import MOVES, kept_with_model
 from envs.observations import compile_seen
 
-MAX_VALUED: Final = 500  # observations of a learner whose values are shown
-MAX_STATES: Final = 200_000  # of a scenario that is shown
-MAX_MASKS: Final = 480  # per learner: final policies of as many agents as fit, at least one
-_PALETTE: Final = ("path", "over", "wall", "no value")  # colours of `envs.scene`
+MAX_VALUED = 500  # observations of a learner whose values are shown
+MAX_STATES = 200_000  # of a scenario that is shown
+MAX_MASKS = 480  # per learner: final policies of as many agents as fit, at least one
+_PALETTE = ("path", "over", "wall", "no value")  # colours of `envs.scene`
 
 
 def write(
@@ -59,7 +59,7 @@ def write(
         path.write_bytes(gzip.compress(text.encode(), mtime=0))
 
 
-_CONSTANTS: Final = {
+_CONSTANTS = {
     "actions": ACTIONS,
     "events": EVENTS,
     "zones": ZONES,
