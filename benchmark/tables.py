@@ -212,7 +212,7 @@ def check_declared(
     declared = {
         (*population.keys.values(), run.seed, run_id(run))
         for population in experiment.populations
-        for run in population.runs(seeds)
+        for run in population.runs(population.taken(seeds))
     }
     keys = [*experiment.populations[0].keys, "seed", "run"]
     found = set[tuple[Any, ...]]()

@@ -48,7 +48,7 @@ def write(
         if len(model.observation) > MAX_STATES:
             continue
         n_shown = max(MAX_MASKS // model.n_observations, 1)
-        runs = population.runs((seeds or population.seeds)[:n_shown])
+        runs = population.runs(population.taken(seeds)[:n_shown])
         agent = _agents(population.learner, load_records(runs, store))
         agent["experiment"] = experiment.name
         place = {"scene": _index(scenes, _scene(model)), "sight": _index(sights, _sight(model))}

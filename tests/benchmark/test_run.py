@@ -19,7 +19,7 @@ from benchmark.job import Job, execute_job
 from benchmark.run import execute, pending
 from benchmark.store import Record, Store
 from benchmark.tables import read
-from tests.support import ROOT, SLOW_EXPERIMENT, all_specifications, small_experiment
+from tests.support import ROOT, SLOW_EXPERIMENT, all_specifications, small_experiment, variant
 
 SMALL = load_experiment("reproduce", smoke=True)
 
@@ -136,3 +136,13 @@ def test_published_tables_stay_as_they_are_when_runs_are_repeated(
     assert not (tmp_path / "mine_seeds_0-1").exists()  # these are the declared ones
     assert main([*command, "--seeds", "5"]) == 0
     assert read(tmp_path / "mine_seeds_5")[0]["seed"].tolist() == [5]
+
+
+def test_shares_of_given_seeds_are_published_and_reported(tmp_path: Path) -> None:
+    learners = {"most": variant(seeds=9), "few": variant("sarsa", seeds=3)}
+    text = small_experiment(report={"kind": "comparison"}, algorithms=learners)
+    (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
+    command = ["run", str(tmp_path / "mine.toml"), "--seeds", "0-5", "--report"]
+    assert main([*command, "--results", str(tmp_path), "--jobs", "1"]) == 0
+    runs, _ = read(tmp_path / "mine_seeds_0-5")
+    assert runs.groupby("learner").size().to_dict() == {"most, index": 6, "few, index": 2}
