@@ -7,7 +7,7 @@ whole records. Checksums are verified whenever a record is read: a damaged one i
 import json
 import sqlite3
 import zlib
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -116,18 +116,18 @@ class Store:
         """Creates the table if the file is new; checks that it is a store, and not damaged."""
         # Text that is not UTF-8 is damaged, which its checksum reveals.
         self._connection.text_factory = lambda text: text.decode(errors="surrogateescape")
-        if not read_only and self._number("schema_version") == 0:  # it is new
+        if not read_only and self._pragma("schema_version") == 0:  # it is new
             self._connection.executescript(_CREATE)
-        kind = self._number("application_id"), self._number("user_version")
+        kind = self._pragma("application_id"), self._pragma("user_version")
         if kind != (_APPLICATION_ID, _FORMAT):
             raise DamagedError(f"{self._path}: not a store of this version of the project; {MOVE}.")
         self._connection.execute(f"PRAGMA query_only = {read_only}")
-        if not read_only and (problem := self.problem()):
+        if not read_only and (problem := self._pragma("integrity_check(1)")) != "ok":
             raise DamagedError(f"{self._path} is damaged: {problem}; {MOVE}.")
 
-    def _number(self, pragma: str) -> int:
-        (number,) = self._connection.execute(f"PRAGMA {pragma}").fetchone()
-        return int(number or 0)
+    def _pragma(self, name: str) -> Any:
+        (value,) = self._connection.execute(f"PRAGMA {name}").fetchone()
+        return value
 
     def __enter__(self) -> Self:
         return self
@@ -183,31 +183,18 @@ class Store:
         specification, status, error, made = about
         return Record(digest, specification, status, json.loads(made), _Packed(arrays), error)
 
-    def damaged(self, digests: Collection[str]) -> list[str]:
-        """Returns which of these stored runs have a record that is damaged or cannot be found."""
-        damaged = []
-        with self._input_errors():
-            for digest in digests:
-                try:
-                    self._get(digest)
-                except (InputError, UnicodeEncodeError):  # the digest itself may be damaged
-                    damaged.append(digest)
-        return damaged
-
     def discard_damaged(self, digests: Iterable[str]) -> int:
         """Removes damaged records of these runs, if they have ended; returns how many."""
-        # All statuses are read without an index, which may be damaged.
-        damaged = self.damaged(self.ended().intersection(digests))
+        damaged = []
         with self._input_errors(), self._connection:
-            rows = [(digest,) for digest in damaged]
-            self._connection.executemany("DELETE FROM runs WHERE digest = ?", rows)
+            # All statuses are read without an index, which may be damaged.
+            for digest in self.ended().intersection(digests):
+                try:
+                    self._get(digest)
+                except InputError:
+                    damaged.append((digest,))
+            self._connection.executemany("DELETE FROM runs WHERE digest = ?", damaged)
         return len(damaged)
-
-    def problem(self) -> str:
-        """Returns what is wrong with the file's structure; empty if nothing."""
-        with self._input_errors():
-            (result,) = self._connection.execute("PRAGMA integrity_check(1)").fetchone()
-        return "" if result == "ok" else " ".join(str(result).split())
 
     @contextmanager
     def _input_errors(self) -> Iterator[None]:

@@ -147,8 +147,8 @@ def test_closed_and_full_outputs(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(EXPERIMENT)
     command = f"benchmark run {tmp_path}/mine.toml --jobs 1 --results {tmp_path}"
     assert bash(f">&- 2>&- {command}").returncode == 0
-    with Store(tmp_path / "runs.db", read_only=True) as store:
-        assert (len(store.ended()), store.problem()) == (2, "")
+    with Store(tmp_path / "runs.db") as store:  # which refuses a damaged file
+        assert len(store.ended()) == 2
     done = bash(">/dev/full benchmark list")
     assert (done.returncode, done.stderr) == (2, "error: No space left on device.\n")
     done = bash("benchmark list | head -1; exit ${PIPESTATUS[0]}")

@@ -84,7 +84,6 @@ def test_a_shortened_file_is_refused_and_left_alone(tmp_path: Path, share: float
         "arrays = substr(arrays, 1, length(arrays) - 1)",  # without its end
         "provenance = CAST(X'7bff7d' AS TEXT)",  # no UTF-8
         "specification = '{ }'",
-        "digest = CAST(X'FF61' AS TEXT)",
         "head = NULL",
     ],
 )
@@ -94,16 +93,11 @@ def test_damaged_records_are_reported_and_removed(tmp_path: Path, damage: str) -
             [record("0123456789abcdef", arrays={"q": np.zeros(5), "r": np.zeros(5)}), record("y")]
         )
     execute(tmp_path / "runs.db", f"UPDATE runs SET {damage} WHERE digest != 'y'")
-    with Store(tmp_path / "runs.db", read_only=True) as store:
-        (digest,) = store.statuses().keys() - {"y"}
-        if digest.isascii():
-            with pytest.raises(InputError, match=rf"runs\.db: the record of run {digest[:12]}\b"):
-                store.get([digest])
     with Store(tmp_path / "runs.db") as store:
-        assert store.damaged([digest, "y"]) == [digest]
-        if digest.isascii():
-            assert store.discard_damaged([digest, "y"]) == 1
-            assert store.statuses() == {"y": "done"}
+        with pytest.raises(InputError, match=r"runs\.db: the record of run 0123456789ab\b"):
+            store.get(["0123456789abcdef"])
+        assert store.discard_damaged(["0123456789abcdef", "y"]) == 1
+        assert store.statuses() == {"y": "done"}
 
 
 def test_no_flipped_bit_of_the_store_is_used_silently(tmp_path: Path) -> None:
