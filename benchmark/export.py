@@ -89,7 +89,8 @@ def hyperparameters(run: RunSpecification, title: str) -> str:
 
 def _export(run: RunSpecification, title: str, path: Path) -> None:
     """Trains a run and writes its agent."""
-    scenario, form = run.drawn_scenario if run.solved else run.scenario, run.observation
+    form = run.observation
+    scenario = run.scenario.drawn(run.seed) if run.solved else run.scenario
     content = json.loads(run.content) | {"scenario": scenario.model_dump(mode="json")}
     about = json.dumps(content | {"digest": run.digest})
     keep: Any = bool  # keeps nothing

@@ -7,7 +7,6 @@ into jobs changes no result.
 import math
 import time
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from functools import cache, partial
@@ -66,10 +65,15 @@ def execute_job(job: Job) -> list[Record]:
         train = _trained if job[0].solved is None else _trained_until_solved
         columns = contained()(train)(job)
     except Exception as exception:
-        return failures(job, exception, started)
-    made = (
-        provenance(job[0].algorithm) | _times(job, started) | {"peak_memory_mb": peak_memory_mb()}
-    )
+        return failures(job, exception)
+    seconds = time.perf_counter() - started
+    made = provenance(job[0].algorithm) | {
+        "started_at": (datetime.now(UTC) - timedelta(seconds=seconds)).isoformat(
+            timespec="seconds"
+        ),
+        "wall_time_s": seconds / len(job),
+        "peak_memory_mb": peak_memory_mb(),
+    }
     # CPU time is measured, so it is no result: arrays are the same whenever a run is repeated.
     cpu_time_s = columns.pop("cpu_time_s")
     return [
@@ -84,19 +88,10 @@ def execute_job(job: Job) -> list[Record]:
     ]
 
 
-def failures(job: Job, error: BaseException, started: float) -> list[Record]:
-    """Returns the records of a job that has failed now; it was `started` at that `perf_counter`."""
-    made = _times(job, started) | {"peak_memory_mb": None, "cpu_time_s": []}
-    with suppress(InputError):  # an algorithm that cannot be imported here has no versions
-        made |= provenance(job[0].algorithm)
+def failures(job: Job, error: BaseException) -> list[Record]:
+    """Returns the records of a job that has failed."""
     message = f"{type(error).__name__}: {error}"
-    return [Record(run.digest, run.content, "failed", made, {}, message) for run in job]
-
-
-def _times(job: Job, started: float) -> dict[str, object]:
-    seconds = time.perf_counter() - started
-    started_at = (datetime.now(UTC) - timedelta(seconds=seconds)).isoformat(timespec="seconds")
-    return {"started_at": started_at, "wall_time_s": seconds / len(job)}
+    return [Record(run.digest, run.content, "failed", {}, {}, message) for run in job]
 
 
 def _train(job: Job, model: Model, schedule: Schedule) -> Training:
@@ -150,7 +145,7 @@ def _until_solved(run: RunSpecification) -> dict[str, NDArray[Any]]:
     """
     assert run.solved is not None
     which = int(run.solved["policy"] == "stochastic")
-    model = compile_seen(run.drawn_scenario, run.observation)
+    model = compile_seen(run.scenario.drawn(run.seed), run.observation)
     schedule, n_steps = run.schedule, len(run.schedule.evaluation_steps)
     so_far: list[float] = []
 
@@ -204,6 +199,6 @@ def _policies(training: Training, model: Model, i: int) -> tuple[Floats, Floats]
 def _is_over(run: RunSpecification, curve: Sequence[float]) -> tuple[bool, bool]:
     """Returns whether a run has surely learned or is given up, and whether it is given up."""
     assert run.solved is not None
-    steps, level = run.schedule.evaluation_steps, float(run.solved["success"])
-    is_given_up = given_up(curve, steps, level, float(run.solved.get("given_up_after") or math.inf))
+    steps, level = run.schedule.evaluation_steps, run.solved["success"]
+    is_given_up = given_up(curve, steps, level, run.solved.get("given_up_after") or math.inf)
     return solved(curve, steps, level)[1] or is_given_up, is_given_up

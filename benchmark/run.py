@@ -2,7 +2,6 @@
 
 import argparse
 import sys
-import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import ExitStack
@@ -140,12 +139,12 @@ def execute(
     # Missing packages are refused before any work.
     check_all(*(partial(versions, name) for name in sorted({run.algorithm for run in todo})))
     waiting = iter(plan(todo))
-    under_way: dict[Future[list[Record]], tuple[Job, float]] = {}  # with the time of submission
+    under_way: dict[Future[list[Record]], Job] = {}
     errors: list[str] = []
 
     def keep(future: Future[list[Record]]) -> None:
         # Its arrays would stay in memory if it stayed under way.
-        records = _records(future, *under_way.pop(future))
+        records = _records(future, under_way.pop(future))
         store.add(records)
         failed = [record.error for record in records if record.error is not None]
         errors.extend(failed)
@@ -161,7 +160,7 @@ def execute(
             while True:
                 for job in islice(waiting, jobs - len(under_way) + len(done)):
                     used = executors[load_algorithm(job[0].algorithm).placement]
-                    under_way[used.submit(job)] = job, time.perf_counter()
+                    under_way[used.submit(job)] = job
                 for future in done:
                     keep(future)
                 if not under_way:
@@ -174,9 +173,9 @@ def execute(
         raise
 
 
-def _records(future: Future[list[Record]], job: Job, started: float) -> list[Record]:
+def _records(future: Future[list[Record]], job: Job) -> list[Record]:
     """Returns what an ended future has, or records of failure if its job was lost."""
     try:
         return future.result()
     except Exception as error:
-        return failures(job, error, started)
+        return failures(job, error)

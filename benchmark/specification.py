@@ -39,7 +39,7 @@ class RunSpecification:
     map_every: int
     seed: int
     # Of a run that is measured until it has learned: `Solved`, and the policy that counts
-    solved: Mapping[str, float | str] | None = None
+    solved: Mapping[str, Any] | None = None
     # What else its `Schedule` has; not part of its identity
     keep: Callable[[Any], object] | None = None
 
@@ -94,14 +94,9 @@ class RunSpecification:
         if self.solved is None:
             maps = evaluation_steps(budget, self.map_every)
         else:
-            growth = float(self.solved["growth"])
+            growth = self.solved["growth"]
         steps = evaluation_steps(budget, self.evaluation_every, growth)
         return Schedule(budget, tuple(steps), tuple(maps), keep=self.keep)
-
-    @property
-    def drawn_scenario(self) -> Scenario:
-        """The scenario of this run: what a scenario draws is drawn anew for every seed."""
-        return self.scenario.drawn(self.seed)
 
     @property
     def seed_sequence(self) -> np.random.SeedSequence:
@@ -130,13 +125,11 @@ def evaluation_steps(budget: int, every: int, growth: float = 1.0) -> list[int]:
     return steps
 
 
-def solved(
-    success: Sequence[float], steps: Sequence[int], enough: float, until: float = 2.0
-) -> tuple[int, bool]:
+def solved(success: Sequence[float], steps: Sequence[int], enough: float) -> tuple[int, bool]:
     """Returns from which evaluation on success stays at or above a level, and if that is final.
 
-    It has to stay there until the first evaluation at or after `until` times as many steps, or to
-    the end of the curve so far. The result is an index into `steps`, or the curve's length if it
+    It has to stay there until the first evaluation at or after twice as many steps, or to the end
+    of the curve so far. The result is an index into `steps`, or the curve's length if it
     never stays there.
 
     >>> steps = [0, 100, 200, 300, 400, 500]
@@ -147,7 +140,7 @@ def solved(
     for i, value in enumerate(success):
         if value < enough:
             first = i + 1
-        elif i > first and steps[i] >= until * steps[first]:
+        elif i > first and steps[i] >= 2 * steps[first]:
             return first, True
     return first, False
 

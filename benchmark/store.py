@@ -72,7 +72,7 @@ class Record:
     digest: str
     specification: str  # canonical JSON
     status: str  # "done"; "diverged": its policy was not finite at the end; or "failed"
-    provenance: Provenance
+    provenance: Provenance  # empty if it failed
     arrays: Arrays  # empty if it failed
     error: str | None = None
 

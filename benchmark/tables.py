@@ -124,7 +124,7 @@ def _measured(records: Records) -> pd.DataFrame:
     times = made["cpu_time_s"]
     made["cpu_time_s"] = times.str[-1]
     if records.run.solved is not None:
-        level, steps = float(records.run.solved["success"]), records.evaluation_steps
+        level, steps = records.run.solved["success"], records.evaluation_steps
         learned = [solved(curve, steps, level)[0] for curve in records.arrays["success"].tolist()]
         made["cpu_learned_s"] = [[*own, np.inf][i] for own, i in zip(times, learned, strict=True)]
     return made[[name for name in MEASURED if name in made]]

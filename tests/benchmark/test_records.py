@@ -23,7 +23,7 @@ SMOKE = load_experiment("reproduce", smoke=True)
 def test_records_are_read_in_order_unless_one_is_not_valid(tmp_path: Path) -> None:
     runs = specifications(SMOKE, "default", "S2", "q_learning", "index", range(3))
     with Store(tmp_path / "runs.db") as store:
-        store.add(failures(runs[:1], ValueError("oh"), 0.0))
+        store.add(failures(runs[:1], ValueError("oh")))
         execute(runs[1:], store, 1, executor=Threads(1))
         loaded = load_records([runs[2], runs[1]], store)
         (record,) = store.get([runs[1].digest])
