@@ -28,7 +28,6 @@ README = "README.md"
 MEANINGS = "columns.csv"
 SEAL = "sha256"  # the last key: the digest of all others, as JSON with sorted keys
 REPOSITORY = Path(__file__).parents[1]
-_AGAIN = "make these results again"
 
 
 # Reading
@@ -66,13 +65,13 @@ class Folder:
 
     def tables(self) -> dict[str, pd.DataFrame]:
         """Returns the tables by name, but not those of runs and of curves, which are compressed."""
-        names = [name for name in self.files if name.endswith(".csv")]
-        return {name.removesuffix(".csv"): self._table(name) for name in names}
-
-    def _table(self, name: str) -> pd.DataFrame:
-        content = self.content(name)
-        with damaged(self.path / name):
-            return read_csv(content)
+        found = dict[str, pd.DataFrame]()
+        for name in self.files:
+            if name.endswith(".csv"):
+                content = self.content(name)
+                with damaged(self.path / name):
+                    found[name.removesuffix(".csv")] = read_csv(content)
+        return found
 
 
 @contextmanager
@@ -87,7 +86,7 @@ def damaged(path: Path) -> Iterator[None]:
         if isinstance(error, FileNotFoundError):
             fault = "it is missing"
         what = f"damaged, or made by another version of this project ({fault})"
-        raise InputError(f"{path}: {what}; {_AGAIN}.") from error
+        raise InputError(f"{path}: {what}; make these results again.") from error
 
 
 def unsealed(text: bytes) -> dict[str, Any]:
@@ -142,8 +141,8 @@ def digests(path: Path, but: Collection[str] = ()) -> dict[str, str]:
 
 
 def write_manifest(path: Path, content: Mapping[str, Any]) -> None:
-    """Writes the manifest of a folder, whose other files are there."""
-    files = digests(path, but=(MANIFEST, README, MEANINGS))
+    """Writes the manifest of a folder: files that are there join those that it lists already."""
+    files = {**content.get("files", {}), **digests(path, but=(MANIFEST, README, MEANINGS))}
     (path / MANIFEST).write_text(sealed({**content, "files": files}), encoding="utf-8")
 
 
@@ -185,8 +184,7 @@ def alone(folder: Path) -> Iterator[None]:
         folder.mkdir(parents=True, exist_ok=True)
         descriptor = os.open(folder, os.O_RDONLY)
     try:
-        with _unwritable(folder):
-            lock(descriptor, f"{folder}: waiting for another command that writes there ...")
+        lock(descriptor, f"{folder}: waiting for another command that writes there ...")
         yield
     finally:
         os.close(descriptor)

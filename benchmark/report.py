@@ -44,7 +44,7 @@ from benchmark.page import build as page
 from benchmark.scenes import shipped
 from benchmark.study import Data, Functions, Report
 from envs import InputError
-from envs.inputs import check_all, parse, unknown_name
+from envs.inputs import check_all, parse, shortened, unknown_name
 from envs.packages import imported
 
 STUDIES = ("comparison", "map", "replication", "search", "suite")
@@ -114,7 +114,7 @@ def main(options: argparse.Namespace) -> int:
         print(f"open {write_texts(results)}.")
         return 0
     experiment = load_experiment(options.experiment, smoke=options.smoke)
-    seeds = other_seeds(experiment, tables.parse_seeds(options.seeds))
+    seeds = other_seeds(experiment, options.seeds)
     folder = results / folder_name(experiment, seeds)
     write(experiment, folder, seeds)
     if experiment.declared.search is not None:
@@ -128,8 +128,15 @@ def main(options: argparse.Namespace) -> int:
     return 0
 
 
-def other_seeds(experiment: Experiment, seeds: range | None) -> range | None:
-    """Returns the given seeds, or None if they select exactly the declared runs."""
+def other_seeds(experiment: Experiment, text: str | None) -> range | None:
+    """Returns the seeds that `--seeds` names; None if it names none, or exactly those declared."""
+    if text is None:
+        return None
+    match = re.fullmatch(r"([0-9]{1,6})(?:-([0-9]{1,6}))?", text)
+    seeds = range(int(match[1]), int(match[2] or match[1]) + 1) if match else range(0)
+    if not seeds:
+        accepted = "A-B with A at most B, as in 0-29, or one seed, as in 7; below 1,000,000"
+        raise InputError(f"--seeds {shortened(text)}: accepted: {accepted}.")
     is_same = all(each.seeds == seeds for each in experiment.populations)
     return None if is_same else seeds
 
@@ -376,28 +383,21 @@ def readme(study: Study, folder: Folder, data: Data, seeds: Sequence[int] | None
 
 
 def answer_of(study: Study, data: Data, seeds: Sequence[int] | None = None) -> str:
-    """Returns the finding of an experiment or, without one for these runs, its headline."""
+    """Returns the finding of an experiment or, without one for these runs, its headline.
+
+    A finding is what the function `finding` of a file returns, in Markdown, if it has one.
+    """
     experiment, text = study.experiment, ""
     path = experiment.path.with_suffix(".py")
     if seeds is None and not experiment.declared.is_miniature and path.is_file():
         try:
-            text = finding(path, data.tables)
+            module = ModuleType(path.stem)
+            with mistakes_in(path):
+                SourceFileLoader(path.stem, str(path)).exec_module(module)
+                text = str(module.finding(data.tables)) if hasattr(module, "finding") else ""
         except ClaimError as error:  # nets of Stable-Baselines3 depend on the processor
             print(f"{experiment.name}: the tables do not show a claim: {error}", file=sys.stderr)
     return text or study.text("headline", data) or experiment.declared.description
-
-
-def finding(path: Path, published: Mapping[str, pd.DataFrame]) -> str:
-    """Returns the text of the function `finding` of a file, in Markdown; empty if it has none.
-
-    Raises:
-      ClaimError: The tables do not show what it asserts.
-      InputError: The file has a mistake.
-    """
-    module = ModuleType(path.stem)
-    with mistakes_in(path):
-        SourceFileLoader(path.stem, str(path)).exec_module(module)
-        return str(module.finding(published)) if hasattr(module, "finding") else ""
 
 
 def _shown(study: Study, name: str, named: str, data: Data) -> str:

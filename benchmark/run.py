@@ -23,7 +23,7 @@ from benchmark.report import folder_name, other_seeds, study_of
 from benchmark.report import main as report
 from benchmark.specification import RunSpecification
 from benchmark.store import Record, Store
-from benchmark.tables import Group, parse_seeds, publish, tables
+from benchmark.tables import Group, publish, tables
 from envs import InputError
 from envs.inputs import check_all, whole_number
 from envs.packages import needed_by
@@ -33,7 +33,7 @@ def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
     parse_jobs(options.jobs)  # refused before the store is made
     experiment = load_experiment(options.experiment, smoke=options.smoke)
-    seeds = other_seeds(experiment, parse_seeds(options.seeds))
+    seeds = other_seeds(experiment, options.seeds)
     if options.report or experiment.declared.report is not None:
         study_of(experiment)  # what cannot be reported is refused before any run
     check_scores(population.first for population in experiment.populations)

@@ -10,7 +10,6 @@ Both begin with the columns that name a population: `scenario`; `grid` and `poin
 import gzip
 import io
 import json
-import re
 import zlib
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
@@ -26,7 +25,6 @@ from benchmark.records import Array, Records, load_records, random_success
 from benchmark.specification import RunSpecification, solved
 from benchmark.store import Store, evaluated
 from envs import ZONES, InputError
-from envs.inputs import shortened
 
 RUNS = "runs.csv.gz"
 CURVES = "curves.csv.gz"
@@ -36,6 +34,7 @@ _COSTS = ("cpu_time_s", "cpu_learned_s", "peak_memory_mb", "wall_time_s")
 _MADE = ("started_at", "commit", "machine", "processor", "versions")
 # These differ between machines, or whenever a run is repeated.
 MEASURED = (*_COSTS, *_MADE)
+_NEW = ("unseen_success", "new_way_success")  # where training never was
 _TEXTS = ("scenario", "grid", "point", "reading", "learner", "run", "policy", *_MADE)
 
 
@@ -71,7 +70,8 @@ def tables(groups: Iterable[Group], store: Store) -> tuple[pd.DataFrame, pd.Data
             "parameters": arrays["parameters"],
         }
         if records.run.solved is not None:
-            columns |= _unseen(arrays["unseen_success"], policy)
+            unseen = arrays["unseen_success"][:, :, int(policy == "stochastic")].T  # 0 to 2 rows
+            columns |= dict.fromkeys(_NEW, np.nan) | dict(zip(_NEW, unseen, strict=False))
         runs.append(pd.DataFrame(columns).join(_measured(records)))
         progress = {"success": found["success"], "training_wrong_pings": arrays["disagreements"]}
         if "score" in found:
@@ -111,12 +111,6 @@ def _over_training(records: Records, policy: str) -> dict[str, Array]:
     }
 
 
-def _unseen(found: Array, policy: str) -> dict[str, Any]:
-    """Returns columns of success in unseen places and in new ways, of a record's (N, 0 to 2, 2)."""
-    columns: dict[str, Any] = dict.fromkeys(("unseen_success", "new_way_success"), np.nan)
-    return columns | dict(zip(columns, found[:, :, int(policy == "stochastic")].T, strict=False))
-
-
 def _measured(records: Records) -> pd.DataFrame:
     """Returns costs, machine and software, a row per run."""
     made = pd.DataFrame([*records.provenance])
@@ -153,12 +147,10 @@ def publish(
             known = there.read_bytes() if there.is_file() else None
             kept = _kept(path.read_bytes(), folders.committed(folder.name, path.name), known)
             path.write_bytes(kept)
-        manifest: dict[str, Any] = {"files": {}}
+        manifest = dict[str, Any]()
         with suppress(InputError):  # it is missing, or damaged and made anew
             manifest = folders.Folder(folder).manifest
-        files = manifest["files"] | folders.digests(made)
-        text = folders.sealed({**manifest, "files": files})
-        (made / folders.MANIFEST).write_text(text, encoding="utf-8")
+        folders.write_manifest(made, manifest)
 
 
 def _kept(made: bytes, *known: bytes | None) -> bytes:
@@ -226,22 +218,6 @@ def check_declared(
         what = f"in its tables, {missing} of {len(declared)} declared runs are missing, {there}"
         run = f"python -m benchmark run {experiment.argument}"
         raise InputError(f"{experiment.name}: {what}; '{run}' publishes those declared.")
-
-
-def parse_seeds(text: str | None) -> range | None:
-    """Returns the seeds that `--seeds` names; None if the option is not given.
-
-    >>> list(parse_seeds("7-9"))
-    [7, 8, 9]
-    """
-    if text is None:
-        return None
-    match = re.fullmatch(r"([0-9]{1,6})(?:-([0-9]{1,6}))?", text)
-    seeds = range(int(match[1]), int(match[2] or match[1]) + 1) if match else range(0)
-    if not seeds:
-        accepted = "A-B with A at most B, as in 0-29, or one seed, as in 7; below 1,000,000"
-        raise InputError(f"--seeds {shortened(text)}: accepted: {accepted}.")
-    return seeds
 
 
 # For an analysis of one's own

@@ -292,13 +292,6 @@ def test_learners_have_shares_of_given_seeds_or_two(
     }
 
 
-def test_first_runs_are_of_all_populations(tmp_path: Path) -> None:
-    experiment = made(tmp_path / "mine.toml", SMALL + GRIDS)
-    firsts = [population.first.population for population in experiment.populations]
-    runs = all_specifications(experiment)
-    assert [run.population for run in runs[: len(firsts)]] == firsts
-
-
 # Settings from a search
 
 RATES = {"index": 0.25, "offset": 0.75}
