@@ -182,9 +182,11 @@ class Study:
     @property
     def files(self) -> Functions:
         """The functions that make its tables and figures, by their files."""
-        tables, figures = self.dict_of("TABLES"), self.dict_of("FIGURES")
-        made = {f"{name}.csv": function for name, function in tables.items()}
-        return made | {f"{name}.svg": function for name, function in figures.items()}
+        return {
+            f"{name}.{ending}": function
+            for kind, ending in (("TABLES", "csv"), ("FIGURES", "svg"))
+            for name, function in self.dict_of(kind).items()
+        }
 
     @property
     def question(self) -> str:

@@ -55,14 +55,14 @@ _HUES = ("#8f1d2c", "#3f7f93", "#b59b00", "#5b5b5b", "#d98880", "#6a3d9a")
 _OTHERS = [(hue, marker) for marker in "sDo^vPX*dhp<>" for hue in _HUES]
 
 
-def look(learner: Learner, others: Iterable[Learner] = ()) -> Look:
+def look(learner: Learner, learners: Iterable[Learner]) -> Look:
     """Returns the colour and marker of a learner's variant, and the dashes of its observation.
 
-    A variant of Stable-Baselines3, `sb3_NAME`, looks like NAME, but hollow. `others` are the
-    learners of the experiment: no two variants of it share both colour and marker.
+    A variant of Stable-Baselines3, `sb3_NAME`, looks like NAME, but hollow. No two variants of the
+    learners of an experiment share both colour and marker.
     """
     drawn = learner.variant.removeprefix("sb3_")
-    unknown = {drawn, *(other.variant.removeprefix("sb3_") for other in others)} - _KNOWN.keys()
+    unknown = {each.variant.removeprefix("sb3_") for each in learners} - _KNOWN.keys()
     marks = {**_KNOWN, **dict(zip(sorted(unknown), _OTHERS, strict=False))}
     colour, marker = marks.get(drawn, _OTHERS[0])
     form = [*OBSERVED].index(learner.observation) if learner.observation in OBSERVED else 0

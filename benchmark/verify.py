@@ -67,14 +67,12 @@ def _problems(
 ) -> Iterator[str]:
     """Yields a sentence for each problem; prints what is correct."""
     yield from _unrepeated(shown, results, repeated, sample)
-    for experiment in shown:
-        try:
-            yield from _changes(experiment, results / experiment.name, made / experiment.name)
-        except InputError as error:
-            yield from error.args
+    checks = [_changes(each, results / each.name, made / each.name) for each in shown]
     if any(each.name in PUBLISHED for each in shown):
+        checks.append(_texts(results, made))
+    for check in checks:
         try:
-            yield from _texts(results, made)
+            yield from check
         except InputError as error:
             yield from error.args
 

@@ -50,10 +50,13 @@ def page(where: Path, folders: Sequence[Folder]) -> str:
     """Returns the page of folders, in the folder `where`."""
     chapters = [_Chapter(where, folder) for folder in folders]
     is_own = folders[0].path == where
-    agents = [packed for folder in folders if (packed := _agents(folder))]
+    agents = [
+        base64.b64encode(folder.content(AGENTS)).decode("ascii")
+        for folder in folders
+        if AGENTS in folder.files
+    ]
     css, js = _file("page.css"), "\n".join(_file(f"{name}.js") for name in _SCRIPTS)
-    contents = [f'<li><a href="#{each.name}">{each.question}</a></li>' for each in chapters]
-    listed = "\n".join(contents)
+    listed = "\n".join(f'<li><a href="#{each.name}">{each.question}</a></li>' for each in chapters)
     opening = f"<p>{_INTRODUCTION}</p>\n<ul>\n{listed}\n</ul>"
     return _filled(
         "page.html",
@@ -80,9 +83,8 @@ class _Chapter:
         text = (folder.path / README).read_text(encoding="utf-8")
         title, answer, rest = text.split("\n\n", 2)
         self.question = _MARKDOWN.renderInline(title.removeprefix("# "))
-        lead = re.match(r"!\[.*\n\n.*\n\n", rest)
-        self._answer = f"{answer}\n\n{lead[0] if lead else ''}"
-        self._rest = rest[lead.end() :] if lead else rest
+        lead = "".join(re.findall(r"\A!\[.*\n\n.*\n\n", rest))
+        self._answer, self._rest = f"{answer}\n\n{lead}", rest.removeprefix(lead)
 
     def html(self, *, is_open: bool) -> str:
         """Returns the chapter."""
@@ -105,13 +107,6 @@ class _Chapter:
     def _figure(self, image: re.Match[str]) -> str:
         drawn = self._folder.content(image[1]).decode()
         return f"<img src='data:image/svg+xml,{drawn.translate(_ESCAPED)}'"
-
-
-def _agents(folder: Folder) -> str:
-    """Returns what the explorer shows of a folder, compressed; empty if there is nothing."""
-    if AGENTS not in folder.files:
-        return ""
-    return base64.b64encode(folder.content(AGENTS)).decode("ascii")
 
 
 def _explorer() -> str:

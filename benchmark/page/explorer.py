@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from benchmark.experiment import DEFAULT_CONDITION, Experiment, Learner
 from benchmark.records import OPTIMUM_TOLERANCE, Records, load_records
+from benchmark.scenes import RGB
 from benchmark.store import VALUE_DECIMALS, Store
 from benchmark.style import colour_map
 from envs import ACTIONS, EVENTS, ZONES, Model
@@ -49,10 +50,11 @@ def write(
             continue
         n_shown = max(MAX_MASKS // model.n_observations, 1)
         runs = population.runs(population.taken(seeds)[:n_shown])
-        agent = _agents(population.learner, load_records(runs, store))
-        agent["experiment"] = experiment.name
-        place = {"scene": _index(scenes, _scene(model)), "sight": _index(sights, _sight(model))}
-        agents.append(agent | place)
+        agents.append(
+            _agents(population.learner, load_records(runs, store))
+            | {"experiment": experiment.name}
+            | {"scene": _index(scenes, _scene(model)), "sight": _index(sights, _sight(model))}
+        )
     if agents:
         data = _CONSTANTS | {"scenes": scenes, "sights": sights, "agents": agents}
         text = json.dumps(data, separators=(",", ":"), allow_nan=False)
@@ -65,7 +67,7 @@ _CONSTANTS = {
     "zones": ZONES,
     "tolerance": OPTIMUM_TOLERANCE,
     "colours": [*map(to_hex, colour_map(drawn.COLOUR_MAP)(np.linspace(0, 1, 33)))],
-    "palette": {name: "#{:02x}{:02x}{:02x}".format(*drawn.COLOURS[name]) for name in _PALETTE},
+    "palette": {name: RGB[name] for name in _PALETTE},
     "clipped_share": drawn.CLIPPED_SHARE,
     "triangles": drawn.TRIANGLES.tolist(),
     "moves": MOVES.tolist(),
