@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmark.experiment import Experiment, interleaved
+from benchmark.experiment import Experiment, interleaved, load_experiment
 from benchmark.specification import RunSpecification
 from benchmark.store import Record, Store
 from envs import InputError, load_scenario
@@ -47,6 +47,12 @@ def small_experiment(**changes: object) -> str:
     if "solved" in changes:  # records no maps
         del keys["map_every"]
     return toml(keys | changes)
+
+
+def made(path: Path, text: str) -> Experiment:
+    """Loads an experiment, which is written to a file."""
+    path.write_text(text, encoding="utf-8")
+    return load_experiment(path)
 
 
 def toml(table: Mapping[str, object]) -> str:

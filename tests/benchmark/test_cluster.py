@@ -27,6 +27,7 @@ from tests.support import (
     SLOW_EXPERIMENT,
     all_specifications,
     arrays_of,
+    made,
     n_stored,
     until,
 )
@@ -150,8 +151,7 @@ def test_runs_are_the_same_as_here_even_if_a_worker_is_killed(
 
 @pytest.mark.slow
 def test_workers_that_differ_are_refused(pair: Machines, tmp_path: Path) -> None:
-    (experiment := tmp_path / "mine.toml").write_text(SLOW_EXPERIMENT, encoding="utf-8")
-    (job, *_) = plan(all_specifications(load_experiment(experiment)))
+    (job, *_) = plan(all_specifications(made(tmp_path / "mine.toml", SLOW_EXPERIMENT)))
     pair.addresses("a", "b")
     executor = Cluster(pair.address)
     other = pair.add("package", OTHER_NUMPY)
@@ -176,8 +176,7 @@ def test_death_of_the_scheduler_ends_the_run_which_can_be_resumed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     slow = SLOW_EXPERIMENT.replace("60000", "150000")
-    (tmp_path / "slow.toml").write_text(slow, encoding="utf-8")
-    runs = all_specifications(load_experiment(tmp_path / "slow.toml"))
+    runs = all_specifications(made(tmp_path / "slow.toml", slow))
     with Machines(tmp_path) as machines:
         machines.add("a")
         machines.addresses("a")

@@ -9,10 +9,9 @@ import llvmlite.binding
 import pytest
 
 from benchmark.executors import Threads
-from benchmark.experiment import load_experiment
 from benchmark.run import execute, pending
 from benchmark.store import Store
-from tests.support import SLOW_EXPERIMENT, all_specifications, until
+from tests.support import SLOW_EXPERIMENT, all_specifications, made, until
 
 
 def test_killed_worker_costs_its_run_alone_and_is_tried_again(tmp_path: Path) -> None:
@@ -20,8 +19,7 @@ def test_killed_worker_costs_its_run_alone_and_is_tried_again(tmp_path: Path) ->
         until(multiprocessing.active_children)
         multiprocessing.active_children()[0].kill()
 
-    (tmp_path / "mine.toml").write_text(SLOW_EXPERIMENT, encoding="utf-8")
-    runs = all_specifications(load_experiment(tmp_path / "mine.toml"))
+    runs = all_specifications(made(tmp_path / "mine.toml", SLOW_EXPERIMENT))
 
     with Store(tmp_path / "runs.db") as store:
         killer = threading.Thread(target=kill)
@@ -63,8 +61,8 @@ def test_workers_alone_set_what_agents_of_sb3_depend_on(
         monkeypatch.delenv(name, raising=False)
     (tmp_path / "asking_for_variables.py").write_text(ASKING)
     text = SLOW_EXPERIMENT.replace("tests.agents.plain:Q_LEARNING", "asking_for_variables:ASKING")
-    (tmp_path / "asking.toml").write_text(text.replace("seeds = 8", "seeds = 1"))
-    (asked,) = all_specifications(load_experiment(str(tmp_path / "asking.toml")))
+    text = text.replace("seeds = 8", "seeds = 1")
+    (asked,) = all_specifications(made(tmp_path / "asking.toml", text))
     with Store(tmp_path / "runs.db") as store:
         assert execute([asked], store, 1) == ["ValueError: ['AVX2', 'avx2']"]
     assert "MKL_CBWR" not in os.environ

@@ -22,7 +22,7 @@ from benchmark.trials import Choice, Choices, Chosen, Search, Span, trials, writ
 from envs import InputError
 from envs.inputs import Table
 from envs.scenario import SCENARIO_DIRECTORY
-from tests.support import all_specifications, small_experiment, variant
+from tests.support import all_specifications, made, small_experiment, variant
 
 LARGE = ("tuning",)  # with the most conditions
 BASE = """
@@ -96,12 +96,6 @@ settings = { time_limit = 20 }
 [readings.default]
 answer = "no"
 """
-
-
-def made(path: Path, text: str) -> Experiment:
-    """Loads an experiment, which is written to a file."""
-    path.write_text(text, encoding="utf-8")
-    return load_experiment(path)
 
 
 def changed(text: str, *changes: tuple[str, str]) -> str:

@@ -15,7 +15,7 @@ from benchmark.job import execute_job, plan
 from benchmark.specification import solved
 from envs import compile_scenario, load_scenario
 from envs.sources import digest_when_loaded
-from tests.support import all_specifications, small_experiment, specifications, variant
+from tests.support import all_specifications, made, small_experiment, specifications, variant
 
 SMALL = load_experiment("reproduce", smoke=True)
 SOLVED = small_experiment(
@@ -39,8 +39,8 @@ def test_runs_of_a_population_are_one_job_and_all_populations_come_first(tmp_pat
     tables = all_specifications(SMALL)
     assert len(plan(tables)) == len({run.population for run in tables}) == 23
     variants = {"table": variant(), "net": variant("sb3_dqn", "one_hot", "coordinates")}
-    (path := tmp_path / "mine.toml").write_text(small_experiment(algorithms=variants), "utf-8")
-    nets = all_specifications(load_experiment(path))
+    text = small_experiment(algorithms=variants)
+    nets = all_specifications(made(tmp_path / "mine.toml", text))
     jobs, populations = plan(nets), {run.population for run in nets}
     assert sorted(r.digest for job in jobs for r in job) == sorted(run.digest for run in nets)
     assert {job[0].population for job in jobs[: len(populations)]} == populations
@@ -75,8 +75,7 @@ def test_a_job_fails_where_a_module_has_changed_since_the_driver_loaded_it(tmp_p
     text = "from tests.agents.plain import Q_LEARNING as LEARNER\n"
     (module := tmp_path / "learner_of_mine.py").write_text(text, encoding="utf-8")
     mine = small_experiment(algorithms={"mine": variant("learner_of_mine:LEARNER")})
-    (path := tmp_path / "mine.toml").write_text(mine, encoding="utf-8")
-    runs = all_specifications(load_experiment(path))
+    runs = all_specifications(made(tmp_path / "mine.toml", mine))
     assert [record.status for record in execute_job(runs)] == ["done", "done"]
     module.write_text(f"{text}# changed\n", encoding="utf-8")
     digest_when_loaded.cache_clear()  # as in a worker that starts now
@@ -89,8 +88,7 @@ def test_a_job_fails_where_a_module_has_changed_since_the_driver_loaded_it(tmp_p
 @pytest.mark.parametrize(("learner", "unseen"), [("table", 0), ("table", 13), ("net", 0)])
 def test_a_run_that_is_given_up_never_learns(tmp_path: Path, learner: str, unseen: int) -> None:
     """A net ends when it is given up, a table goes on; the net has a learning rate of 1e-9."""
-    (path := tmp_path / "mine.toml").write_text(SOLVED, encoding="utf-8")
-    populations = load_experiment(path).populations
+    populations = made(tmp_path / "mine.toml", SOLVED).populations
     first = next(each.first for each in populations if each.learner.variant == learner)
     places = {"issuer.places": 4, "issuer.unseen": unseen}
     run = replace(first, scenario=load_scenario("Anywhere", places))

@@ -29,9 +29,6 @@ def test_records_are_read_in_order_unless_one_is_not_valid(tmp_path: Path) -> No
         (record,) = store.get([runs[1].digest])
         with pytest.raises(InputError, match=r"S2/q_learning_index/seed_0: this run failed"):
             load_records(runs, store)
-        other = runs[0].with_seed(7)
-        with pytest.raises(InputError, match=rf"run {other.digest[:12]} is missing or damaged"):
-            load_records([other], store)
     assert loaded.seeds == [2, 1]
     for name, values in record.arrays.items():
         assert np.array_equal(loaded.arrays[name][1], values)

@@ -19,7 +19,7 @@ from benchmark.job import Job, execute_job
 from benchmark.run import execute, pending
 from benchmark.store import Record, Store
 from benchmark.tables import read
-from tests.support import ROOT, SLOW_EXPERIMENT, all_specifications, small_experiment, variant
+from tests.support import ROOT, SLOW_EXPERIMENT, all_specifications, made, small_experiment, variant
 
 SMALL = load_experiment("reproduce", smoke=True)
 
@@ -82,8 +82,8 @@ def test_second_driver_waits_for_the_first_and_repeats_nothing(
 ) -> None:
     """The first stores a run meanwhile, and is killed, which releases its lock."""
     compiled = SLOW_EXPERIMENT.replace("tests.agents.plain:Q_LEARNING", "q_learning")  # in threads
-    (experiment := tmp_path / "compiled.toml").write_text(compiled, encoding="utf-8")
-    runs = all_specifications(load_experiment(experiment))
+    experiment = made(tmp_path / "compiled.toml", compiled)
+    runs = all_specifications(experiment)
     code = (
         "import sys; from pathlib import Path; from benchmark.store import Store\n"
         "with Store(Path(sys.argv[1])) as store, store.alone():\n"
@@ -104,7 +104,7 @@ def test_second_driver_waits_for_the_first_and_repeats_nothing(
 
     flock = fcntl.flock
     monkeypatch.setattr(fcntl, "flock", lock)
-    arguments = ["run", str(experiment), "--results", str(tmp_path), "--jobs", "1"]
+    arguments = ["run", str(experiment.path), "--results", str(tmp_path), "--jobs", "1"]
     assert main(arguments) == 0
     said = capsys.readouterr()
     assert said.err.count("runs.db: waiting for another command that trains runs ...") == 1

@@ -12,7 +12,7 @@ import pytest
 from benchmark.experiment import load_experiment
 from benchmark.specification import evaluation_steps, solved
 from envs import load_scenario
-from tests.support import small_experiment, variant
+from tests.support import made, small_experiment, variant
 
 RUN = load_experiment("reproduce").populations[0].first  # of Q-learning in S1
 
@@ -90,9 +90,8 @@ def test_a_run_has_learned_if_it_stays_until_twice_as_many_steps() -> None:
 def test_a_users_module_is_part_of_the_identity(tmp_path: Path) -> None:
     text = "from agents import load_algorithm\nMINE = load_algorithm('q_learning')\n"
     (tmp_path / "module_of_a_user.py").write_text(text)
-    path = tmp_path / "own.toml"
-    path.write_text(small_experiment(algorithms={"mine": variant("module_of_a_user:MINE")}))
-    run = load_experiment(path).populations[0].first
+    text = small_experiment(algorithms={"mine": variant("module_of_a_user:MINE")})
+    run = made(tmp_path / "own.toml", text).populations[0].first
     code = json.loads(run.content)["code"]
     assert [*code] == ["module_of_a_user"]
     assert len(code["module_of_a_user"]) == 64

@@ -8,10 +8,9 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
-from benchmark.experiment import load_experiment
 from benchmark.scenes import shipped
 from benchmark.style import WIDTH, Look, figure_of, look, name_lines, svg
-from tests.support import small_experiment, variant
+from tests.support import made, small_experiment, variant
 
 EXPERIMENT = small_experiment(
     algorithms={
@@ -27,9 +26,7 @@ EXPERIMENT = small_experiment(
 @pytest.fixture(scope="module")
 def looks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Look]:
     """The looks of learners in an experiment."""
-    path = tmp_path_factory.mktemp("looks") / "mine.toml"
-    path.write_text(EXPERIMENT, encoding="utf-8")
-    learners = load_experiment(path).learners
+    learners = made(tmp_path_factory.mktemp("looks") / "mine.toml", EXPERIMENT).learners
     return {name: look(each, learners.values()) for name, each in learners.items()}
 
 

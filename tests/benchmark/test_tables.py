@@ -23,7 +23,7 @@ from benchmark.tables import CURVES, RUNS, Group, check_declared, publish, read,
 from envs import ZONES, InputError
 from envs.observations import compile_seen
 from tests.benchmark.populations import population
-from tests.support import small_experiment, variant
+from tests.support import made, small_experiment, variant
 
 PPO = {"n_steps": 100, "batch_size": 50, "n_epochs": 1}
 TWO = small_experiment(
@@ -43,9 +43,7 @@ MADE: dict[str, Any] = {
 
 @pytest.fixture(scope="module")
 def two(tmp_path_factory: pytest.TempPathFactory) -> Experiment:
-    path = tmp_path_factory.mktemp("two") / "mine.toml"
-    path.write_text(TWO, encoding="utf-8")
-    return load_experiment(path)
+    return made(tmp_path_factory.mktemp("two") / "mine.toml", TWO)
 
 
 @pytest.fixture(scope="module")
@@ -90,10 +88,10 @@ def test_tables_have_what_records_hold(two: Experiment, results: Path) -> None:
                 assert last[name].tolist() == own[name].tolist()
 
 
-def tabulated(made: Records, path: Path) -> dict[str, Any]:
+def tabulated(records: Records, path: Path) -> dict[str, Any]:
     """Returns the first row of the table of runs that are made by hand, and stored."""
     fixed = {"updates": np.array(7), "parameters": np.array(600), "diverged_at": np.array(-1)}
-    (run,), (arrays,) = made.runs, made.agents
+    (run,), (arrays,) = records.runs, records.agents
     with Store(path / "runs.db") as store:
         store.add([Record(run.digest, run.content, "done", MADE, {**arrays, **fixed})])
         group = Group(load_experiment("reproduce", smoke=True).populations[0], [run])

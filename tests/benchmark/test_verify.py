@@ -7,12 +7,11 @@ from pathlib import Path
 import pytest
 
 from benchmark.__main__ import main
-from benchmark.experiment import load_experiment
 from benchmark.folder import MANIFEST, README, Folder, unsealed, write_manifest
 from benchmark.tables import publish, read
 from benchmark.trials import Choices, write_choices
 from benchmark.verify import unfounded
-from tests.support import small_experiment, variant
+from tests.support import made, small_experiment, variant
 
 EXPERIMENT = small_experiment(
     report={"kind": "comparison"},
@@ -22,7 +21,7 @@ EXPERIMENT = small_experiment(
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a small experiment, its stored runs and its results."""
     folder = tmp_path_factory.mktemp("made")
     (folder / "mine.toml").write_text(EXPERIMENT, encoding="utf-8")
@@ -31,8 +30,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def results(made: Path, tmp_path: Path) -> Path:
-    return shutil.copytree(made, tmp_path / "results")
+def results(whole: Path, tmp_path: Path) -> Path:
+    return shutil.copytree(whole, tmp_path / "results")
 
 
 def verify(results: Path, capsys: pytest.CaptureFixture[str], *more: str) -> tuple[int, str]:
@@ -101,8 +100,7 @@ def test_chosen_settings_follow_from_published_trials(tmp_path: Path) -> None:
     searched = {"q": variant(search={"epsilon": {"low": 0, "high": 1}})}
     search = {"trials": 4, "finalists": 2, "first_seed": 10}
     text = small_experiment(search=search, algorithms=searched)
-    (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
-    experiment = load_experiment(tmp_path / "mine.toml")
+    experiment = made(tmp_path / "mine.toml", text)
     write_manifest(tmp_path, {})
     choices = Choices(search="", trials="of others", learners={})
     write_choices(experiment.path, choices)
