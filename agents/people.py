@@ -4,7 +4,6 @@ Axis letters: O observations, K people, D numbers that the net is given for each
 """
 
 import json
-from typing import Final
 
 import numpy as np
 
@@ -13,8 +12,8 @@ from envs.arrays import Singles
 from envs.inputs import Count, InputError, Table
 from envs.observations import ENCODINGS, NUMBERS, observation_table
 
-PEOPLE_EXTRACTOR: Final = "agents.sb3.extractors:PeopleExtractor"
-_PEOPLE: Final = ("issuer", "offset", "relative")  # components
+PEOPLE_EXTRACTOR = "agents.sb3.extractors:PeopleExtractor"
+_PEOPLE = ("issuer", "offset", "relative")  # components
 
 
 class PeopleArguments(Table):

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from importlib.util import find_spec
 from itertools import chain
 from math import ceil
-from typing import Annotated, Any, Final
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
@@ -36,18 +36,18 @@ from envs.inputs import Names, Table, unknown_name
 from envs.packages import missing_package
 from envs.words import listed
 
-ENDPOINTS: Final = ("success", "score")
-FEWEST_RUNS: Final = 10  # per scenario and learner; with fewer there is no verdict
-WITHIN: Final = "within margin"  # at its end, it may say which side is measurably better
-NEITHER: Final = "neither shown to learn"
-UNEARNED: Final = "ahead, but not shown to learn"
-OPEN: Final = ("undecided", NEITHER, UNEARNED, "no verdict")
-AGGREGATES: Final = ("iqm", "median", "mean", "optimality_gap")  # of deep RL
-_DIGITS: Final = 9  # of a difference, which may be as large as the margin
-_DRAWS: Final = 1_000  # of rliable's bootstrap
-_COLUMNS: Final = 3  # of panels
-_TITLES: Final = {"iqm": "interquartile\nmean", "optimality_gap": "optimality\ngap"}
-_MOST_NAMED: Final = 4  # contrasts without a decided difference in a text
+ENDPOINTS = ("success", "score")
+FEWEST_RUNS = 10  # per scenario and learner; with fewer there is no verdict
+WITHIN = "within margin"  # at its end, it may say which side is measurably better
+NEITHER = "neither shown to learn"
+UNEARNED = "ahead, but not shown to learn"
+OPEN = ("undecided", NEITHER, UNEARNED, "no verdict")
+AGGREGATES = ("iqm", "median", "mean", "optimality_gap")  # of deep RL
+_DIGITS = 9  # of a difference, which may be as large as the margin
+_DRAWS = 1_000  # of rliable's bootstrap
+_COLUMNS = 3  # of panels
+_TITLES = {"iqm": "interquartile\nmean", "optimality_gap": "optimality\ngap"}
+_MOST_NAMED = 4  # contrasts without a decided difference in a text
 
 Margin = Annotated[float, Field(gt=0, le=0.2)]
 Row = Mapping[Any, Any]
@@ -420,20 +420,20 @@ and for differences and margins; intervals are not. Verdicts are valid only if t
 at once."""
 
 
-TABLES: Final[dict[str, TableFunction]] = {
+TABLES: dict[str, TableFunction] = {
     table.__name__: table for table in (progress, contrasts, summary, aggregate, rliable, cost)
 }
-FIGURES: Final[dict[str, FigureFunction]] = {
+FIGURES: dict[str, FigureFunction] = {
     "curves": draw_curves,
     "contrasts": draw_contrasts,
     "rliable": draw_rliable,
 }
-SHOWN: Final = {
+SHOWN = {
     "contrasts": "x y success_x success_y success_verdict score_verdict success_except differs",
     "aggregate": "learner policy runs success score",
     "cost": "learner cpu_time_s updates parameters peak_memory_mb",
 }
-COLUMNS: Final = {
+COLUMNS = {
     "n": "runs in each scenario, of a contrast the smaller number",
     "runs": "runs over all scenarios",
     "p_random_x": "p-value of x succeeding no more often than the random policy, adjusted",

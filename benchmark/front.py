@@ -4,7 +4,6 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 from textwrap import fill
-from typing import Final
 
 import pandas as pd
 
@@ -12,7 +11,7 @@ from benchmark.experiment import PUBLISHED
 from benchmark.folder import README, Folder
 from envs import InputError
 
-_SHOWN: Final = {  # learners of the table, by what README calls them
+_SHOWN = {  # learners of the table, by what README calls them
     "the paper's table": "q_learning, index",
     "Q(λ) table, tuned": "watkins_q_lambda, index",
     "tile coding, tuned": "tile_coding, coordinates",
@@ -87,7 +86,7 @@ def readme(results: Path) -> str:
     return "\n".join([*sections, "## Benchmark your own algorithm\n", *own, _WORDS])
 
 
-_START: Final = """\
+_START = """\
 # Proxemic benchmark
 
 *When does deep RL earn its keep over a table?* An agent walks up to a person and must learn, from
@@ -166,14 +165,14 @@ our own, compiled. Whether they succeed as often as SB3's, within 0.1, is
 """
 
 
-_BENCH: Final = """\
+_BENCH = """\
 ```sh
 make bench ALGO=sb3_contrib:TRPO # beside published learners, in eight scenes (a quarter of an hour)
 ```
 
 `ALGO` is a class like those of SB3, a module's path or a TOML file.
 """
-_ASSESS: Final = """\
+_ASSESS = """\
 After `make .venv/.deep`, run this with `.venv/bin/python`:
 
 ```python
@@ -197,7 +196,7 @@ For a comparison of your own, copy [compare_deep.toml](benchmark/experiments/com
 """
 
 
-_WORDS: Final = """\
+_WORDS = """\
 ## Words
 
 - **PING:** in a ring around the person, it succeeds and ends the episode. Elsewhere it costs, and

@@ -20,7 +20,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain, product
 from math import prod
-from typing import Annotated, Any, Final
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
@@ -64,9 +64,9 @@ from envs.inputs import Label, Names, Table, unknown_name
 Numbers = NDArray[np.float64]
 Key = tuple[str, str, str]
 Pair = Mapping[str, pd.DataFrame]  # runs of x and of y, by seed
-_WRONG: Final = "training_wrong_pings"
-KEYS: Final = ["grid", "point", "learner"]  # the columns that name a population
-NEW: Final = ("unseen", "new_way")  # where training never was
+_WRONG = "training_wrong_pings"
+KEYS = ["grid", "point", "learner"]  # the columns that name a population
+NEW = ("unseen", "new_way")  # where training never was
 
 # What an experiment declares
 
@@ -326,20 +326,18 @@ def contrasts(data: Data) -> pd.DataFrame:
 
 
 # What is taken, steps or failures, and the verdicts if x or y takes less
-UNITS: Final = {"steps": ("faster", "slower")} | dict.fromkeys(NEW, ("better", "worse"))
-UNDECIDED: Final = "undecided"
-NEITHER: Final = "most runs of neither learner learn"
-NO_VERDICT: Final = "no verdict"  # for one of these reasons
-UNTRAINED: Final = "it depends on runs whose untrained policy reaches the level"
-AT_LAST: Final = "it depends on runs that reach the level in the last evaluation only"
-COARSE: Final = "it depends on runs whose evaluations are too far apart"
-NOT_LEARNED: Final = "at least half of the runs of the one that takes less never learn"
-LOST: Final = (
-    "the one that takes less loses the level later in at least half of the runs that learn"
-)
-SMALL: Final = "the difference is smaller than the margin"
-_ENDS: Final = 3  # if a verdict is wrong, so is one of three ends of intervals, see above
-_COARSE: Final = 1.25  # largest ratio of successive evaluations that are not too far apart
+UNITS = {"steps": ("faster", "slower")} | dict.fromkeys(NEW, ("better", "worse"))
+UNDECIDED = "undecided"
+NEITHER = "most runs of neither learner learn"
+NO_VERDICT = "no verdict"  # for one of these reasons
+UNTRAINED = "it depends on runs whose untrained policy reaches the level"
+AT_LAST = "it depends on runs that reach the level in the last evaluation only"
+COARSE = "it depends on runs whose evaluations are too far apart"
+NOT_LEARNED = "at least half of the runs of the one that takes less never learn"
+LOST = "the one that takes less loses the level later in at least half of the runs that learn"
+SMALL = "the difference is smaller than the margin"
+_ENDS = 3  # if a verdict is wrong, so is one of three ends of intervals, see above
+_COARSE = 1.25  # largest ratio of successive evaluations that are not too far apart
 
 
 def decide_all(pairs: Mapping[str, Pair], unit: str, margins: Margins) -> pd.DataFrame:
@@ -423,7 +421,7 @@ def _flaw(winner: pd.DataFrame, loser: pd.DataFrame, unit: str, margins: Margins
     return "" if more > less and more >= round(margins.ratio * less, 9) else SMALL
 
 
-TABLES: Final[dict[str, TableFunction]] = {
+TABLES: dict[str, TableFunction] = {
     "took": took,
     "cells": cells,
     "contrasts": contrasts,
@@ -432,16 +430,14 @@ TABLES: Final[dict[str, TableFunction]] = {
 
 # Figures
 
-_SIDES: Final[tuple[Look, Look]] = (  # of a rung: tile coding, and the net
+_SIDES: tuple[Look, Look] = (  # of a rung: tile coding, and the net
     {"color": "#b3003c", "marker": "s", "ls": ""},
     {"color": "#0173b2", "marker": "o", "ls": ""},
 )
-_CHANCE: Final[Look] = {"color": "0.5", "ls": "--", "lw": 1}
-_HOLLOW: Final = {
-    "hollow: most runs never learn": Line2D([], [], marker="o", c="0.3", mfc="w", ls="")
-}
-_NEVER: Final = 1.6  # where runs that never learn are drawn, in budgets
-_ROWS: Final = {
+_CHANCE: Look = {"color": "0.5", "ls": "--", "lw": 1}
+_HOLLOW = {"hollow: most runs never learn": Line2D([], [], marker="o", c="0.3", mfc="w", ls="")}
+_NEVER = 1.6  # where runs that never learn are drawn, in budgets
+_ROWS = {
     "steps": "steps until it has learned\n(lower is better)",
     "unseen_success": "success in new places\n(higher is better)",
 }
@@ -558,18 +554,18 @@ def _finish(data: Data, figure: Figure, axes: NDArray[Any], lines: Mapping[str, 
     )
 
 
-FIGURES: Final[dict[str, FigureFunction]] = {"ladder": ladder, "along": along}
+FIGURES: dict[str, FigureFunction] = {"ladder": ladder, "along": along}
 
 # Text
 
-SHOWN: Final = {
+SHOWN = {
     "rungs": (
         "rung point net tiles_n_solved net_n_solved tiles_steps net_steps net_wins"
         " tiles_unseen_success net_unseen_success"
     ),
     "contrasts": "grid point x y n learned_x learned_y steps_verdict steps_why unseen_verdict",
 }
-COLUMNS: Final = {
+COLUMNS = {
     "at_last": "whether the run reaches the level in the last evaluation only",
     "grid": "grid of the experiment",
     "learned_x": "runs of x that learn",

@@ -14,7 +14,7 @@ The tables are made of stored records, since action values are not published.
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache, partial
 from textwrap import fill
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 from warnings import catch_warnings
 
 import numpy as np
@@ -43,16 +43,16 @@ from envs.words import listed
 Agents = Mapping[str, Records]  # of one reading of the paper, by scenario
 Floats = NDArray[np.float64]
 
-READS_STORE: Final = True  # action values are not published
-SCENARIOS: Final = ("S1", "S2", "S3")  # the paper's, which its claims are about
-VERDICTS: Final = {
+READS_STORE = True  # action values are not published
+SCENARIOS = ("S1", "S2", "S3")  # the paper's, which its claims are about
+VERDICTS = {
     "holds": ("✓", "#56b4e9"),
     "undecided": ("?", "#f7ecc3"),
     "does not hold": ("✗", "#d55e00"),
 }
 """The verdicts on a claim, each with its sign and colour."""
-_OPTIMUM: Final = 1 - OPTIMUM_TOLERANCE  # the score of an optimal policy
-_CURVES: Final = {"visited": "max_q", "table": "table_max_q"}  # array of each curve of a reading
+_OPTIMUM = 1 - OPTIMUM_TOLERANCE  # the score of an optimal policy
+_CURVES = {"visited": "max_q", "table": "table_max_q"}  # array of each curve of a reading
 
 
 def check(experiment: Experiment, _: Report) -> None:
@@ -217,8 +217,8 @@ def _own_maps_differ(_: str, *both: Records) -> Part:
     return Part("own maps", difference, *np.nan_to_num(ends, nan=difference))
 
 
-_VARIABILITY: Final = (partial(_ratio, _spread),)
-CLAIMS: Final = (
+_VARIABILITY = (partial(_ratio, _spread),)
+CLAIMS = (
     Claim(
         "variability-S2", "max Q varies most in S2", ">", 1.0, (("S2", "S1"), ("S2", "S3")),
         _VARIABILITY,
@@ -375,7 +375,7 @@ def _over_agents(values: Floats) -> dict[str, Floats]:
 
 # Figures
 
-_THINNED: Final = 5  # every so many records of a curve are drawn
+_THINNED = 5  # every so many records of a curve are drawn
 
 
 def figure(data: Data) -> Figure:
@@ -437,10 +437,10 @@ def sensitivity_figure(data: Data) -> Figure:
 
 # Text
 
-TABLES: Final = {"claims": claims, "optimal": optimal, "max_q": max_q, "q_values": q_values}
-FIGURES: Final = {"figure": figure, "sensitivity": sensitivity_figure}
-SHOWN: Final = {"optimal": "scenario agents success optimal_share"}
-COLUMNS: Final = {
+TABLES = {"claims": claims, "optimal": optimal, "max_q": max_q, "q_values": q_values}
+FIGURES = {"figure": figure, "sensitivity": sensitivity_figure}
+SHOWN = {"optimal": "scenario agents success optimal_share"}
+COLUMNS = {
     "action": "action",
     "agents": "agents per scenario",
     "column": "column of the cell",

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from math import inf
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -33,11 +33,11 @@ from envs import InputError
 from envs.inputs import override
 from envs.words import listed
 
-_MEASURE: Final = "success averaged over the logarithm of steps"
-_PERMUTATIONS: Final = 10_000
-_KINDS: Final = ["default", "drawn", "candidate"]  # of trials
-_DIGITS: Final = 2  # means that differ less are equal, and the earlier trial counts
-_MARGIN: Final = 0.05  # smaller gains do not matter
+_MEASURE = "success averaged over the logarithm of steps"
+_PERMUTATIONS = 10_000
+_KINDS = ["default", "drawn", "candidate"]  # of trials
+_DIGITS = 2  # means that differ less are equal, and the earlier trial counts
+_MARGIN = 0.05  # smaller gains do not matter
 
 
 def check(experiment: Experiment, _: Report) -> None:
@@ -319,17 +319,17 @@ def _steps(number: float) -> str:
     return "never" if np.isinf(number) else f"{float(f'{number:.3g}'):,.0f}"
 
 
-TABLES: Final = {"trials": trials_table, "chosen": chosen, "effort": effort}
-FIGURES: Final = {"trials": figure}
+TABLES = {"trials": trials_table, "chosen": chosen, "effort": effort}
+FIGURES = {"trials": figure}
 
 
 # Text
 
-SHOWN: Final = {
+SHOWN = {
     "chosen": "learner trial default chosen gain p verdict",
     "effort": "learner default learned tried total drawn",
 }
-COLUMNS: Final = {
+COLUMNS = {
     "area": f"{_MEASURE} and over scenarios, of first runs",
     "chosen": "mean area of the chosen settings, with fresh seeds",
     "cpu_time_s": "CPU seconds of training, sum over the runs of the search",

@@ -11,7 +11,7 @@ Scandinavian Journal of Statistics 6:65-70): the probability of any wrong claim 
 
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,14 +19,14 @@ from scipy import optimize, special, stats
 
 from benchmark.experiment import OBSERVED, Population
 
-RESAMPLES: Final = 1000
-BOOTSTRAP_SEED: Final = 20210803
-MAX_Z: Final = 8.0  # standard errors beyond which p-values count as zero
-_NONE: Final = 1e-12  # smaller counts are rounding errors
-_DIGITS: Final = 12  # of a difference, which may be as large as the margin
-LEVEL: Final = 0.95  # confidence, unless another is given
-ALPHA: Final = 1 - LEVEL
-TAIL: Final = ALPHA / 2  # what an interval leaves out on each side
+RESAMPLES = 1000
+BOOTSTRAP_SEED = 20210803
+MAX_Z = 8.0  # standard errors beyond which p-values count as zero
+_NONE = 1e-12  # smaller counts are rounding errors
+_DIGITS = 12  # of a difference, which may be as large as the margin
+LEVEL = 0.95  # confidence, unless another is given
+ALPHA = 1 - LEVEL
+TAIL = ALPHA / 2  # what an interval leaves out on each side
 
 Numbers = Any  # a float, or an array
 Floats = NDArray[np.float64]
@@ -275,7 +275,7 @@ def standing_apart(x: Means, y: Means, margin: float, verdict: str) -> tuple[lis
 
 
 # The row of a table and the one-hot input of a net are the same observation.
-_SAME_INPUT: Final = {"index": "one_hot", "offset": "offset_one_hot"}
+_SAME_INPUT = {"index": "one_hot", "offset": "offset_one_hot"}
 
 
 def differences(x: Population, y: Population, diverged: Sequence[int] = (0, 0)) -> str:

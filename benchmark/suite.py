@@ -8,7 +8,7 @@ import re
 from functools import cache
 from importlib.util import find_spec
 from textwrap import fill
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -27,11 +27,11 @@ from benchmark.style import WIDTH, colour_map, draw_cells, figure_of
 from envs import InputError, compile_scenario
 from envs.packages import missing_package
 
-SUITE: Final = "suite"  # the experiment whose runs are published
-RELATIVE_TO: Final = "tile_coding, coordinates"
-_NEVER: Final = "#ffffff"  # the colour of a cell in which most runs never learn
-_FASTEST_AND_SLOWEST: Final = (100, 20_000)  # ends of the scale of colours, in steps
-_CHARACTERS: Final = 24  # of a line of a learner's title
+SUITE = "suite"  # the experiment whose runs are published
+RELATIVE_TO = "tile_coding, coordinates"
+_NEVER = "#ffffff"  # the colour of a cell in which most runs never learn
+_FASTEST_AND_SLOWEST = (100, 20_000)  # ends of the scale of colours, in steps
+_CHARACTERS = 24  # of a line of a learner's title
 
 
 def check(experiment: Experiment, _: Report) -> None:
@@ -214,10 +214,10 @@ These are numbers, not verdicts: with few runs, a difference may be chance. Aggr
 are those of rliable, with 95 % intervals of a bootstrap within scenes."""
 
 
-TABLES: Final[dict[str, TableFunction]] = {"summary": summary, "learners": learners}
-FIGURES: Final[dict[str, FigureFunction]] = {"suite": draw}
-SHOWN: Final = {"learners": "title n scenes_learned relative_steps common_scenes iqm mean"}
-COLUMNS: Final = {
+TABLES: dict[str, TableFunction] = {"summary": summary, "learners": learners}
+FIGURES: dict[str, FigureFunction] = {"suite": draw}
+SHOWN = {"learners": "title n scenes_learned relative_steps common_scenes iqm mean"}
+COLUMNS = {
     "title": "what readers call the learner",
     "n": "runs in each scene",
     "n_learned": "runs that have learned",

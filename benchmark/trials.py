@@ -8,7 +8,7 @@ there are nor on who executes it. The last ones are declared: `Variant.candidate
 import hashlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Final, Literal, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
@@ -17,7 +17,7 @@ from benchmark.folder import damaged, sealed, unsealed
 from envs.inputs import Count, Table, distinct, require
 
 Seed = Annotated[int, Field(ge=0, le=900_000)]
-_DIGITS: Final = 3  # significant ones, of numbers that are drawn
+_DIGITS = 3  # significant ones, of numbers that are drawn
 
 
 class Span(Table):

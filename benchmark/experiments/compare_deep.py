@@ -1,7 +1,6 @@
 """What the tables of `compare_deep` show."""
 
 from collections.abc import Mapping
-from typing import Final
 
 import pandas as pd
 
@@ -9,9 +8,9 @@ from envs.words import listed
 
 PAPER, TABLE, TILES = "q_learning, index", "watkins_q_lambda, index", "tile_coding, coordinates"
 DQN, PPO, SB3_DQN, SB3_PPO = (f"{name}, one_hot" for name in ("dqn", "ppo", "sb3_dqn", "sb3_ppo"))
-DEFAULTS: Final = [f"{name}_default, one_hot" for name in ("sb3_dqn", "sb3_ppo")]
-TABLES: Final = {PAPER: "the paper's table", TABLE: "the Q(λ) table", TILES: "tile coding"}
-NETS: Final = {  # what the text calls them
+DEFAULTS = [f"{name}_default, one_hot" for name in ("sb3_dqn", "sb3_ppo")]
+TABLES = {PAPER: "the paper's table", TABLE: "the Q(λ) table", TILES: "tile coding"}
+NETS = {  # what the text calls them
     SB3_DQN: "Stable-Baselines3's DQN",
     SB3_PPO: "Stable-Baselines3's PPO",
     DQN: "compiled DQN",

@@ -2,14 +2,14 @@
 
 from collections.abc import Mapping
 from math import inf
-from typing import Any, Final
+from typing import Any
 
 from benchmark.map import needed
 
 ALIKE, RELATIVE, TOLD = "people are alike", "relative positions", "who counts"
-RUNGS: Final = ("nothing", "agent with each person", ALIKE, RELATIVE, TOLD)
+RUNGS = ("nothing", "agent with each person", ALIKE, RELATIVE, TOLD)
 # Verdicts on DQN by steps: the rung, and the number of onlookers
-BY_STEPS: Final = [
+BY_STEPS = [
     (ALIKE, 2, "undecided"),
     (ALIKE, 8, "undecided"),
     (RELATIVE, 0, "slower"),
