@@ -1,12 +1,14 @@
 """What the tables of `compare_deep` show."""
 
 from collections.abc import Mapping
+from itertools import product
 
 import pandas as pd
 
 from envs.words import listed
 
 PAPER, TABLE, TILES = "q_learning, index", "watkins_q_lambda, index", "tile_coding, coordinates"
+SMALL = "small_steps, index"
 DQN, PPO, SB3_DQN, SB3_PPO = (f"{name}, one_hot" for name in ("dqn", "ppo", "sb3_dqn", "sb3_ppo"))
 DEFAULTS = [f"{name}_default, one_hot" for name in ("sb3_dqn", "sb3_ppo")]
 TABLES = {PAPER: "the paper's table", TABLE: "the Q(λ) table", TILES: "tile coding"}
@@ -24,8 +26,17 @@ def finding(tables: Mapping[str, pd.DataFrame]) -> str:
     mean = tables["aggregate"].set_index("learner")["success"].map("{:.2f}".format)
     pairs = contrasts.set_index(["x", "y"])
     verdicts, sizes = pairs["success_verdict"], summary["n"]
-    searched = [verdicts[net, table] for net in NETS for table in (TABLE, TILES)]
-    assert not any("better" in each for each in searched), "no net is better than a searched table"
+    success = summary.set_index("scenario", append=True)["success"]
+    for net in NETS:
+        assert verdicts[net, PAPER] == "better", "nets are better than the paper's table"
+        assert verdicts[net, TABLE] in ("mixed", "within margin"), (
+            "nets are as good as a Q(λ) table"
+        )
+        assert "better" not in verdicts[net, TILES], "no net is better than tile coding"
+        for table, scenario in product((PAPER, TABLE), ("S1", "S2", "S3")):
+            is_ahead = success[net, scenario] > success[table, scenario]
+            assert is_ahead == (scenario == "S2"), "nets are ahead of tables in S2 alone"
+    assert summary["success"][SMALL].min() > 0.995, "small steps make the paper's table succeed"
     assert (contrasts["success_margin"] == 0.1).all(), "the margin is 0.1"
     assert (summary["budget"] == 10_000).all(), "there are 10,000 steps"
     assert (sizes[[*TABLES, DQN, PPO]] == 100).all(), "there are 100 runs"
@@ -46,7 +57,9 @@ def finding(tables: Mapping[str, pd.DataFrame]) -> str:
 After 10,000 steps in S1, S2 and S3, the paper's own table succeeds with a probability of
 {each(PAPER)}. With searched settings, a Q(λ) table has {each(TABLE)}, tile coding, from
 coordinates, {each(TILES)}, Stable-Baselines3's DQN {each(SB3_DQN)}, and its PPO, a stochastic
-policy, {each(SB3_PPO)}: no net is shown to be better than the Q(λ) table or tile coding.
+policy, {each(SB3_PPO)}. No net is shown to be better than tile coding. Nets are ahead of both tables
+in S2 alone, and there constants decide: with a learning rate of 0.2 and an epsilon of 0.1, which
+were chosen in these scenarios, the paper's table has {each(SMALL)}.
 
 | mean success over all three | {against} |
 |---|---|---|---|
