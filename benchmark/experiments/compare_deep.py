@@ -57,9 +57,9 @@ def finding(tables: Mapping[str, pd.DataFrame]) -> str:
 After 10,000 steps in S1, S2 and S3, the paper's own table succeeds with a probability of
 {each(PAPER)}. With searched settings, a Q(λ) table has {each(TABLE)}, tile coding, from
 coordinates, {each(TILES)}, Stable-Baselines3's DQN {each(SB3_DQN)}, and its PPO, a stochastic
-policy, {each(SB3_PPO)}. No net is shown to be better than tile coding. Nets are ahead of both tables
-in S2 alone, and there constants decide: with a learning rate of 0.2 and an epsilon of 0.1, which
-were chosen in these scenarios, the paper's table has {each(SMALL)}.
+policy, {each(SB3_PPO)}. No net is shown to be better than tile coding. Nets are ahead of both
+tables in S2 alone, and there constants decide: with a learning rate of 0.2 and an epsilon of 0.1,
+which were chosen in these scenarios, a table like the paper's has {each(SMALL)}.
 
 | mean success over all three | {against} |
 |---|---|---|---|
