@@ -167,9 +167,9 @@ def _compared(tables: Tables, tuning: Tables) -> str:
 {tuning["chosen"]["trials"].iloc[0] + 1} settings in other scenarios.*
 
 Over all three, SB3's nets are {both(paper)} than the paper's table, {both(table)} against the
-tuned Q(λ) table and {both(tiles)} against tile coding. They are ahead of these tables in S2 alone,
-and there constants decide: a table with a learning rate of 0.2 and an epsilon of 0.1, chosen in
-these scenarios, has {success.loc[small].min():.2f} everywhere. With SB3's defaults, nets have
+tuned Q(λ) table and {both(tiles)} against tile coding. They are ahead of the two tables in S2
+alone, and there constants decide: a table with a learning rate of 0.2 and an epsilon of 0.1, chosen
+in these scenarios, has {success.loc[small].min():.2f} everywhere. With SB3's defaults, nets have
 {dqn:.2f} and {ppo:.2f}. In other scenes, nets are our own, compiled; their success is within 0.1 of
 SB3's.
 [All learners and verdicts](results/compare_deep/README.md)
