@@ -132,7 +132,7 @@ def learners(data: Data) -> pd.DataFrame:
 
 
 def draw(data: Data) -> Figure:
-    """Median steps until learned; darker: fewer. White: how many runs learn, if most never do."""
+    """Median steps until learned; darker: fewer. White: runs that learn, if not most do."""
     over_all, scenes = data.tables["learners"], [*dict.fromkeys(data.tables["summary"]["scenario"])]
     scale, drawn = LogNorm(*_FASTEST_AND_SLOWEST, clip=True), list[list[tuple[str, str]]]()
     for row in over_all.to_dict("records"):
@@ -184,8 +184,8 @@ def headline(data: Data) -> str:
     found = ", ".join(f"{row['title']} {row['scenes_learned']}" for row in table.to_dict("records"))
     sizes = " or ".join(map(str, sorted({*table["n"]})))
     text = f"""\
-How many of {table["scenes"].max()} scenes each learner learns within {budget:,} steps, that is, in
-how many most of its {sizes} runs do: {found}.
+Scenes of {table["scenes"].max()} in which most runs of a learner ({sizes} in each) learn within
+{budget:,} steps: {found}.
 """
     return text if is_suite(data) else f"{text}\nTo paste:\n\n```\n{rows_to_paste(data)}\n```\n"
 
@@ -221,7 +221,7 @@ COLUMNS = {
     "title": "what readers call the learner",
     "n": "runs in each scene",
     "n_learned": "runs that have learned",
-    "steps": "steps until learned, median over runs; inf if most never learn",
+    "steps": "median steps until learned; inf if half of the runs or more never learn",
     "random_success": "success of the random policy; of drawn cells, with those of the first seed",
     "scenes": "scenes in which it ran",
     "scenes_learned": "scenes in which most of its runs learn",

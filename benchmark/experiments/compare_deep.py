@@ -36,7 +36,9 @@ def finding(tables: Mapping[str, pd.DataFrame]) -> str:
         for table, scenario in product((PAPER, TABLE), ("S1", "S2", "S3")):
             is_ahead = success[net, scenario] > success[table, scenario]
             assert is_ahead == (scenario == "S2"), "nets are ahead of tables in S2 alone"
-    assert summary["success"][SMALL].min() > 0.995, "small steps make the paper's table succeed"
+    assert summary["success"][SMALL].min() > 0.995, (
+        "with other settings, the paper's table succeeds"
+    )
     assert (contrasts["success_margin"] == 0.1).all(), "the margin is 0.1"
     assert (summary["budget"] == 10_000).all(), "there are 10,000 steps"
     assert (sizes[[*TABLES, DQN, PPO]] == 100).all(), "there are 100 runs"
@@ -51,22 +53,23 @@ def finding(tables: Mapping[str, pd.DataFrame]) -> str:
         for net, title in NETS.items()
     ]
     against = " | ".join(f"against {title}, {mean[name]}" for name, title in TABLES.items())
-    ahead = pairs["score_p_improvement"][SB3_DQN, TABLE]
+    score = tables["aggregate"].set_index("learner")["score"].map("{:.2f}".format)
     line = "\n"
     return f"""
 After 10,000 steps in S1, S2 and S3, the paper's own table succeeds with a probability of
 {each(PAPER)}. With searched settings, a Q(λ) table has {each(TABLE)}, tile coding, from
 coordinates, {each(TILES)}, Stable-Baselines3's DQN {each(SB3_DQN)}, and its PPO, a stochastic
-policy, {each(SB3_PPO)}. No net is shown to be better than tile coding. Nets are ahead of both
-tables in S2 alone, and there constants decide: with a learning rate of 0.2 and an epsilon of 0.1,
-which were chosen in these scenarios, a table like the paper's has {each(SMALL)}.
+policy, {each(SB3_PPO)}. No net is shown to be better than tile coding. Only in S2 is the mean
+success of nets higher than that of these two tables, and there settings matter: with a learning
+rate of 0.2 and an epsilon of 0.1, chosen in these scenarios, a table like the paper's has
+{each(SMALL)}.
 
 | mean success over all three | {against} |
 |---|---|---|---|
 {line.join(rows)}
 
 **Verdicts** are on the net of each row (margin 0.1, level 5 %). Learners have 100 runs in each
-scenario, Stable-Baselines3's own {n_sb3}. All but the paper's table have searched settings.
+scenario, Stable-Baselines3's own {n_sb3}. All but the paper's table have searched settings here.
 
 **Compiled nets** against Stable-Baselines3's own: DQN has {mean[DQN]} against {mean[SB3_DQN]}
 (*{verdicts[DQN, SB3_DQN]}*), PPO {mean[PPO]} against {mean[SB3_PPO]} (*{verdicts[PPO, SB3_PPO]}*).
@@ -76,6 +79,6 @@ On coordinates instead of one-hot cells, compiled DQN has {mean["dqn, coordinate
 **Defaults.** Without a search, Stable-Baselines3's DQN succeeds with a probability of
 {each(DEFAULTS[0])}, its PPO with {each(DEFAULTS[1])} ({n_default} runs in each scenario).
 
-**Scores,** which count steps, too: a run of Stable-Baselines3's DQN has a higher one than a run of
-the Q(λ) table in {100 * ahead:.0f} % of pairs.
+**Scores,** which also count steps: Stable-Baselines3's DQN has {score[SB3_DQN]}, the Q(λ) table
+{score[TABLE]} (*{pairs["score_verdict"][SB3_DQN, TABLE]}*).
 """

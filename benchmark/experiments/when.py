@@ -49,11 +49,11 @@ def finding(tables: Mapping[str, Any]) -> str:
     again = [f"{cells.loc[('again', 'onlookers 8', each), 'unseen_success']:.2f}" for each in AGAIN]
     return f"""\
 Among onlookers, only a person with a badge matters, and learners must find this out. Told only that
-people are alike, DQN succeeds more often than tile coding in new places, where this person never
-stood in training: among 8 onlookers, with a probability of {new(ALIKE, 8, "net")} against
-{new(ALIKE, 8, "tiles")}, and in fresh runs of {again[0]} against {again[1]}. Of 24 fresh runs each,
+people are alike, DQN does better than tile coding in new places, where this person never stood in
+training. Among 8 onlookers, it succeeds with a probability of {new(ALIKE, 8, "net")} against
+{new(ALIKE, 8, "tiles")} (fresh runs: {again[0]} against {again[1]}). Of 24 fresh runs each,
 {fresh["learned_x"]} of DQN and {fresh["learned_y"]} of tile coding learn within 60,000 steps, some
-at the last evaluation, so there is no verdict on steps. Among 2, they need
+at the last evaluation, so there is no verdict on steps. Among 2 onlookers, they need
 {steps(ALIKE, 2, "net")} and {steps(ALIKE, 2, "tiles")} steps (*undecided*). Told where people are
 relative to the agent, both succeed in new places, and tile coding needs fewer steps among 2
 ({steps(RELATIVE, 2, "tiles")} against {steps(RELATIVE, 2, "net")}).
