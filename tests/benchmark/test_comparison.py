@@ -401,18 +401,25 @@ def test_different_budgets_are_refused(tmp_path: Path) -> None:
 def test_a_finding_asserts_what_it_says() -> None:
     nets, tables = [*compare_deep.NETS], [*compare_deep.TABLES]
     pairs = [*product(nets, tables), *zip(nets[2:], nets[:2], strict=True)]
-    others = [*compare_deep.DEFAULTS, "dqn, coordinates", "ppo, coordinates"]
+    others = [compare_deep.SMALL, *compare_deep.DEFAULTS, "dqn, coordinates", "ppo, coordinates"]
     learners = [*nets, *tables, *others]
-    sizes = [50, 50] + [100] * 5 + [10, 10, 100, 100]
-    summary = pd.DataFrame({"learner": learners, "n": sizes, "budget": 10_000, "success": 0.5})
+    sizes = dict(zip(learners, [50, 50] + [100] * 6 + [10, 10, 100, 100], strict=True))
+    rows = [
+        {"learner": learner, "scenario": scenario, "n": sizes[learner], "budget": 10_000}
+        | {"success": 1 if learner in others else 0.6 if learner in nets else at_tables}
+        for learner in learners
+        for scenario, at_tables in (("S1", 0.7), ("S2", 0.5), ("S3", 0.7))
+    ]
     contrasts = pd.DataFrame(pairs, columns=["x", "y"]).assign(
-        success_margin=0.1, success_verdict="undecided", score_p_improvement=0.75
+        success_margin=0.1,
+        success_verdict=["better", "mixed", "undecided"] * 4 + ["within margin"] * 2,
+        score_verdict="undecided",
     )
-    aggregate = pd.DataFrame({"learner": learners, "success": np.arange(11) / 10})
-    found = {"summary": pd.concat([summary] * 3), "contrasts": contrasts, "aggregate": aggregate}
+    aggregate = pd.DataFrame({"learner": learners, "success": np.arange(12) / 10, "score": 0.5})
+    found = {"summary": pd.DataFrame(rows), "contrasts": contrasts, "aggregate": aggregate}
     text = compare_deep.finding(found)
-    assert "| compiled PPO, 0.30 | undecided | undecided | undecided |" in text
-    assert "DQN has 0.20 against 0.00\n(*undecided*)" in text
-    contrasts.loc[1, "success_verdict"] = "slightly better"
-    with pytest.raises(AssertionError, match="no net is better than a searched table"):
+    assert "| compiled PPO, 0.30 | better | mixed | undecided |" in text
+    assert "DQN has 0.20 against 0.00\n(*within margin*)" in text
+    contrasts.loc[2, "success_verdict"] = "slightly better"
+    with pytest.raises(AssertionError, match="no net is better than tile coding"):
         compare_deep.finding(found)
