@@ -103,7 +103,7 @@ make compare-deep SEEDS=5 # the learners below, in results/compare_deep_seeds_0-
 make test                 # the quick tests (4 minutes)
 ```
 
-Needed: Python 3.11 or newer, make, git. Use `git clone --depth 1`: the history is 90 MB. Then open
+Needed: Python 3.11 or newer, make, git. Clone with `--depth 1`: the history is 100 MB. Then open
 `results/index.html`.
 """
 
@@ -168,20 +168,20 @@ def _compared(tables: Tables, tuning: Tables) -> str:
 
 Over all three, SB3's nets are {both(paper)} than the paper's table, {both(table)} against the
 tuned Q(λ) table and {both(tiles)} against tile coding. Only in S2 is their mean success higher than
-that of these tables, and there settings matter: with a learning rate of 0.2 and an epsilon of 0.1,
-chosen here, a table like the paper's has {success.loc[small].min():.2f} everywhere. With SB3's
-defaults, DQN has {dqn:.2f} and PPO {ppo:.2f} (means). Elsewhere, nets are our own, compiled; here,
-their mean success is within 0.1 of that of SB3's.
+these tables', and there settings matter: with a learning rate of 0.2 and an epsilon of 0.1, chosen
+here, a table like the paper's has {success.loc[small].min():.2f} everywhere. With SB3's defaults,
+DQN has {dqn:.2f} and PPO {ppo:.2f}. Elsewhere, nets are our own, compiled; here, their mean success
+is within 0.1 of SB3's.
 [All learners and verdicts](results/compare_deep/README.md)
 """
 
 
 _BENCH = """\
 ```sh
-make bench ALGO=sb3_contrib:TRPO # beside published learners, in eight scenes (a quarter of an hour)
+make bench ALGO=sb3_contrib:TRPO # in eight scenes, beside other learners (a quarter of an hour)
 ```
 
-`ALGO` is a class like those of SB3, a module's path or a TOML file.
+`ALGO` is a class like SB3's, by module or file, or a TOML file.
 """
 _ASSESS = """\
 After `make .venv/.deep`, run this with `.venv/bin/python`:
@@ -210,7 +210,7 @@ _WORDS = """\
 ## Words
 
 - **PING:** in a ring around the person, it succeeds and ends the episode. Elsewhere it costs, and
-  the fifth wrong PING ends the episode.
+  the fifth wrong one ends the episode.
 - **S1, S2, S3:** the person gives no feedback, random feedback, or feedback by distance.
 - **Success:** the exact probability of a correct PING. *Learned* at step *s*: success stays at 0.9
   or above until step 2*s*, or the end.
