@@ -178,10 +178,10 @@ is within 0.1 of SB3's.
 
 _BENCH = """\
 ```sh
-make bench ALGO=sb3_contrib:TRPO # in eight scenes, beside other learners (a quarter of an hour)
+make bench ALGO=sb3_contrib:TRPO # in eight scenes, beside other learners (15 minutes)
 ```
 
-`ALGO` is a class like SB3's, by module or file, or a TOML file.
+`ALGO` is any [class like SB3's](benchmark/README.md#your-own-algorithm).
 """
 _ASSESS = """\
 After `make .venv/.deep`, run this with `.venv/bin/python`:
