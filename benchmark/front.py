@@ -8,6 +8,7 @@ from textwrap import fill
 import pandas as pd
 
 from benchmark.experiment import PUBLISHED
+from benchmark.experiments import compare_deep
 from benchmark.folder import README, Folder
 from envs import InputError
 
@@ -103,7 +104,7 @@ make compare-deep SEEDS=5 # the learners below, in results/compare_deep_seeds_0-
 make test                 # the quick tests (4 minutes)
 ```
 
-Needed: Python 3.11 or newer, make, git. Clone with `--depth 1`: the history is 100 MB. Then open
+Needed: Python 3.11 or newer, make, git. Clone with `--depth 1`: the history is 110 MB. Then open
 `results/index.html`.
 """
 
@@ -128,14 +129,9 @@ def _compared(tables: Tables, tuning: Tables) -> str:
     """Returns what README says of the paper's scenarios, after checking it."""
     summary, contrasts = tables["summary"], tables["contrasts"].set_index(["x", "y"])
     paper, small, table, tiles, *nets = _SHOWN.values()
-    sizes, verdicts = summary.set_index("learner")["n"], contrasts["success_verdict"]
-    assert {*sizes[[paper, small, table, tiles]]} == {100}, "tables and tile coding have 100 runs"
-    (n_sb3,) = {*sizes[nets]}
-    assert {*summary["budget"]} == {10_000}, "runs have 10,000 steps"
-    assert {*contrasts["success_margin"]} == {0.1}, "the margin is 0.1"
-    for net in nets:
-        assert "better" not in verdicts[net, tiles], "no net beats tile coding"
-        assert "better" in verdicts[net, paper], "nets beat the paper's table"
+    verdicts = contrasts["success_verdict"]
+    compare_deep.finding(tables)  # checks most of what is said here, too
+    (n_sb3,) = {*summary.set_index("learner")["n"][nets]}
     assert tuning["chosen"]["trials"].nunique() == 1, "all were searched equally long"
     success = summary.pivot(index="learner", columns="scenario", values="success")
     rows = [
@@ -145,9 +141,6 @@ def _compared(tables: Tables, tuning: Tables) -> str:
     lines = "\n".join(rows)
     (compiled,) = {verdicts[net.removeprefix("sb3_"), net] for net in nets}
     assert compiled == "within margin", "compiled nets are as good as SB3's"
-    ahead = (success.loc[nets] > success.loc[[paper, table]].max()).all()
-    assert [*ahead.index[ahead]] == ["S2"], "nets are ahead of both tables in S2 alone"
-    assert success.loc[small].min() > 0.995, "with other settings, the paper's table succeeds"
 
     def both(baseline: str) -> str:
         dqn, ppo = (verdicts[net, baseline] for net in nets)

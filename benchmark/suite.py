@@ -132,7 +132,7 @@ def learners(data: Data) -> pd.DataFrame:
 
 
 def draw(data: Data) -> Figure:
-    """Median steps until learned; darker: fewer. White: runs that learn, if not most do."""
+    """Median steps until learned; darker: fewer. White: how many runs learn, where most do not."""
     over_all, scenes = data.tables["learners"], [*dict.fromkeys(data.tables["summary"]["scenario"])]
     scale, drawn = LogNorm(*_FASTEST_AND_SLOWEST, clip=True), list[list[tuple[str, str]]]()
     for row in over_all.to_dict("records"):
@@ -181,7 +181,9 @@ def _ratio(row: Any) -> str:
 def headline(data: Data) -> str:
     """Says how many scenes each learner learns; of a user's learners, with rows to paste."""
     table, budget = data.tables["learners"], data.runs["budget"].max()
-    found = ", ".join(f"{row['title']} {row['scenes_learned']}" for row in table.to_dict("records"))
+    found = "; ".join(
+        f"{row['title']}: {row['scenes_learned']}" for row in table.to_dict("records")
+    )
     sizes = " or ".join(map(str, sorted({*table["n"]})))
     text = f"""\
 Scenes of {table["scenes"].max()} in which most runs of a learner ({sizes} in each) learn within

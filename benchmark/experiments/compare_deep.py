@@ -29,9 +29,6 @@ def finding(tables: Mapping[str, pd.DataFrame]) -> str:
     success = summary.set_index("scenario", append=True)["success"]
     for net in NETS:
         assert verdicts[net, PAPER] == "better", "nets are better than the paper's table"
-        assert verdicts[net, TABLE] in ("mixed", "within margin"), (
-            "nets are as good as a Q(λ) table"
-        )
         assert "better" not in verdicts[net, TILES], "no net is better than tile coding"
         for table, scenario in product((PAPER, TABLE), ("S1", "S2", "S3")):
             is_ahead = success[net, scenario] > success[table, scenario]

@@ -60,8 +60,13 @@ def reseal(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("file", "column", "value", "fault"),
     [
-        ("compare_deep/summary.csv", "n", 10, "tables and tile coding have 100 runs"),
-        ("compare_deep/contrasts.csv", "success_verdict", "better", "no net beats tile coding"),
+        ("compare_deep/summary.csv", "n", 10, "there are 100 runs"),
+        (
+            "compare_deep/contrasts.csv",
+            "success_verdict",
+            "better",
+            "no net is better than tile coding",
+        ),
         ("compare_deep/contrasts.csv", "success_margin", 0.5, "the margin is 0.1"),
     ],
 )
