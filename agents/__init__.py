@@ -15,7 +15,7 @@ from agents.contract import (
 )
 from agents.sb3.algorithms import algorithm_of, is_sb3_class
 from envs.inputs import InputError, unknown_name
-from envs.packages import imported
+from envs.sources import imported
 
 __all__ = [
     "ALGORITHMS",

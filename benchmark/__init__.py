@@ -1,5 +1,12 @@
 """Runs experiments, publishes and reports their runs; see `python -m benchmark --help`."""
 
+import sys
+
+# With `-m`, Python looks for modules in the current folder first. Nothing there may run that is not
+# named, not even in place of what is imported next.
+if sys.argv[:1] == ["-m"] and __file__ != f"{sys.path[0]}/benchmark/__init__.py":
+    del sys.path[: not sys.flags.safe_path]
+
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path

@@ -36,17 +36,15 @@ continue with the same command. Exit codes: 0 success, 1 a run failed or a probl
 """
 
 
-def script() -> int:
-    """Runs one command, as `python -m benchmark` does; returns the exit code."""
-    sys.path.append(str(Path.cwd()))  # last, so that users' modules hide no others
-    return main()
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command; returns the exit code."""
     _open_streams()
     if arguments is None:  # nothing else uses this process and its children
         os.environ["MPLBACKEND"] = VARIABLES["MPLBACKEND"]  # a notebook's may not be installed
+        # No child imports what lies in the current folder, and no file there says where numba has
+        # its compiled code.
+        os.environ["PYTHONSAFEPATH"] = "1"
+        os.environ.setdefault("NUMBA_CACHE_DIR", "")
     try:
         code = _run(_parser().parse_args(arguments))
         sys.stdout.flush()

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from envs import ACTIONS, ZONES, InputError, Model, load_scenario
 from envs.inputs import shortened
 from envs.observations import compile_seen, observation_table
-from envs.packages import contained, imported, needed_by
+from envs.packages import contained, needed_by
 from envs.scenario import ScenarioLike
+from envs.sources import imported
 
 with needed_by("benchmark.assess"):
     from matplotlib.colors import Normalize

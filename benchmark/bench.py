@@ -21,7 +21,7 @@ from benchmark.suite import SUITE, rows_to_paste
 from benchmark.tables import read
 from envs import InputError
 from envs.inputs import shortened
-from envs.sources import find_modules_in
+from envs.sources import search_beside
 
 SEEDS = 5
 FIRST_SEED = 1000  # as of the published learners, so that the same cells are drawn
@@ -57,7 +57,7 @@ def _experiment_file(options: argparse.Namespace) -> Path:
     if module.endswith(".py"):
         if not Path(module).is_file():
             raise InputError(f"{algorithm}: there is no file {module}.")
-        find_modules_in(str(Path(module).resolve().parent))
+        search_beside(Path(module))
         algorithm = f"{Path(module).stem}:{attribute}"
     name = attribute.rpartition(".")[2]
     if not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII):

@@ -3,7 +3,7 @@
 import asyncio
 import logging
 import pickle
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from contextlib import suppress
 from typing import Any
@@ -16,7 +16,7 @@ from benchmark.job import Job, execute_job
 from benchmark.provenance import environment
 from benchmark.store import Record
 from envs import InputError
-from envs.sources import SEARCHED, find_modules_in
+from envs.sources import FOUND, use_modules
 
 _ANSWER_S = 10  # to wait for the scheduler: at the start, and when the connection is lost
 _WORKER_S = 60  # to wait for the first worker
@@ -66,7 +66,7 @@ class Cluster:
 
     async def _execute(self, job: Job) -> list[Record]:
         name = job[0].algorithm
-        call = _Call(name, environment(name), pickle.dumps(job), SEARCHED)
+        call = _Call(name, environment(name), pickle.dumps(job), {**FOUND})
         try:
             if self._client.status != "running":
                 raise ClosedClientError  # Dask might wait forever instead
@@ -91,16 +91,15 @@ class _Call:
 
 
 def execute(
-    algorithm: str, expected: Mapping[str, str], packed: bytes, folders: Collection[str]
+    algorithm: str, expected: Mapping[str, str], packed: bytes, modules: Mapping[str, str]
 ) -> list[Record]:
     """Executes a job on the worker that this is called on, if that has the driver's `environment`.
 
-    The job is pickled, since code that differs from the driver's may be unable to read it. Modules
-    are also found in the folders of experiments, if the worker has them at the same path.
+    The job is pickled, since code that differs from the driver's may be unable to read it. Users'
+    modules are found in the same folders as on the driver's machine.
     """
     use_same_instructions()  # an algorithm that is imported may use torch
-    for folder in folders:
-        find_modules_in(folder)
+    use_modules(modules)
     check_worker(get_worker(), algorithm, expected)
     return execute_job(pickle.loads(packed))
 

@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 import threading
+from collections.abc import Mapping
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import suppress
 from multiprocessing import resource_tracker
@@ -16,6 +17,7 @@ from typing import Protocol
 from agents.sb3 import use_same_instructions
 from benchmark.job import Job, execute_job
 from benchmark.store import Record
+from envs.sources import FOUND, use_modules
 
 _PR_SET_PDEATHSIG = 1  # of prctl: send a signal when the parent thread ends
 
@@ -112,7 +114,7 @@ class Processes:
     def _start(self) -> tuple[BaseProcess, Connection]:
         context = multiprocessing.get_context("spawn")
         ours, theirs = context.Pipe()
-        process = context.Process(target=_serve, args=(theirs,), daemon=True)
+        process = context.Process(target=_serve, args=(theirs, {**FOUND}), daemon=True)
         with self._lock:
             if self._is_cancelled:
                 raise CancelledError
@@ -122,11 +124,12 @@ class Processes:
         return process, ours
 
 
-def _serve(connection: Connection) -> None:
+def _serve(connection: Connection, modules: Mapping[str, str]) -> None:
     """Executes jobs as they come, until the driver closes its end or ends in whatever way."""
     if sys.platform == "linux":  # elsewhere, a killed driver's workers end after their job
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     use_same_instructions()  # a job that is received may use torch
+    use_modules(modules)
     with suppress(EOFError, ConnectionError):
         while True:
             connection.send(execute_job(connection.recv()))

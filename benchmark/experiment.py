@@ -39,7 +39,7 @@ from envs.inputs import (
     require,
     unknown_name,
 )
-from envs.sources import find_modules_in
+from envs.sources import search_beside
 
 EXPERIMENT_DIRECTORY = Path(__file__).parent / "experiments"
 # The experiments whose results are published, in the order of README. .gitignore lists them, too.
@@ -405,7 +405,9 @@ def _read(path: Path) -> dict[str, object]:
     data = _tables(path)
     if "extends" in data:
         extension = parse(Extension, data, str(path))
-        data = _tables(_path(_beside(path, extension.extends)))
+        base = _path(_beside(path, extension.extends))
+        search_beside(base)
+        data = _tables(base)
         # These may be false of this one.
         described = {"description": extension.description, "note": ""}
         if "solved" in extension.changes:
@@ -414,14 +416,13 @@ def _read(path: Path) -> dict[str, object]:
             described["report.question"] = ""
         for changes in (described, extension.changes):
             data = override(data, changes, str(path))
+    search_beside(path)
     return data
 
 
 def _tables(path: Path) -> dict[str, object]:
-    """Reads the tables of one file; modules beside it can be imported from now on."""
+    """Reads the tables of one file."""
     data = inputs.read_toml(path)
-    if path.parent != EXPERIMENT_DIRECTORY:
-        find_modules_in(str(path.parent.resolve()))
     if isinstance(data.get("report"), str):
         data["report"] = {"kind": data["report"]}
     return data

@@ -16,7 +16,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.machinery import SourceFileLoader
-from importlib.util import find_spec
 from inspect import getdoc
 from pathlib import Path
 from types import ModuleType
@@ -45,7 +44,7 @@ from benchmark.scenes import shipped
 from benchmark.study import Data, Functions, Report
 from envs import InputError
 from envs.inputs import check_all, parse, shortened, unknown_name
-from envs.packages import imported
+from envs.sources import find_module, imported
 
 STUDIES = ("comparison", "map", "replication", "search", "suite")
 _MAX_WORDS = 900  # of README of a folder
@@ -214,7 +213,7 @@ def study_of(experiment: Experiment) -> Study:
 
 def load_study(name: str, source: str) -> ModuleType:
     """Returns a study of this project or any other module; an InputError begins with the source."""
-    if name not in STUDIES and "." not in name and (not name or find_spec(name) is None):
+    if name not in STUDIES and "." not in name and (not name or not find_module(name)):
         unknown_name(source, "report.kind", name, STUDIES, "a module")
     module = f"benchmark.{name}" if name in STUDIES else name
     imported(f"{module}:TABLES", source, "study")
@@ -395,6 +394,7 @@ def answer_of(study: Study, data: Data, seeds: Sequence[int] | None = None) -> s
         try:
             module = ModuleType(path.stem)
             with mistakes_in(path):
+                find_module(path.stem)  # and so what it imports
                 SourceFileLoader(path.stem, str(path)).exec_module(module)
                 text = str(module.finding(data.tables)) if hasattr(module, "finding") else ""
         except ClaimError as error:  # nets of Stable-Baselines3 depend on the processor

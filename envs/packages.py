@@ -4,12 +4,10 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
-from importlib import import_module
 from importlib.metadata import PackageNotFoundError, requires
 from importlib.util import find_spec
-from types import ModuleType
 
-from envs.inputs import InputError, guess, shortened
+from envs.inputs import InputError, shortened
 
 # Modules whose names are not those of their packages.
 _RENAMED = {"PIL": "pillow", "markdown_it": "markdown-it-py", "pygame": "pygame-ce"}
@@ -44,24 +42,6 @@ def package_of(module: str) -> str:
     return _RENAMED.get(module, module.replace("_", "-"))
 
 
-def imported(name: str, source: str, kind: str) -> object:
-    """Imports the object that a source names as `module:attribute`, or raises an InputError."""
-    module, _, attribute = name.partition(":")
-    if not attribute:
-        raise InputError(f"{source}: {kind} {shortened(name)}: accepted: module:attribute.")
-    loaded: ModuleType | None = None
-    try:
-        with contained():
-            loaded = import_module(module)
-            return getattr(loaded, attribute)
-    except Exception as error:  # a module can raise anything
-        reason = str(error).removesuffix(".")
-        hint = _installer(_missing(error)) if loaded is None else guess(attribute, dir(loaded))
-        raise InputError(
-            f"{source}: {kind} {shortened(name)} cannot be imported: {reason}{hint}."
-        ) from error
-
-
 @contextmanager
 def contained() -> Iterator[None]:
     """Turns what would end the process in users' code, but not Ctrl-C, into an InputError."""
@@ -79,26 +59,27 @@ def needed_by(what: str) -> Iterator[None]:
     try:
         yield
     except ModuleNotFoundError as error:
-        missing = _missing(error)
-        if isinstance(error, MissingPackageError) or not _installer(missing):
+        module = missing(error)
+        if isinstance(error, MissingPackageError) or not installer(module):
             raise
-        raise missing_package(what, missing) from error
+        raise missing_package(what, module) from error
 
 
 def missing_package(what: str, module: str) -> MissingPackageError:
     """Returns the error that something needs a package, given as its missing module."""
     needed = f"{what} needs the package {package_of(module)}, which is not installed"
-    return MissingPackageError(f"{needed}{_installer(module)}.", name=module)
+    return MissingPackageError(f"{needed}{installer(module)}.", name=module)
 
 
-def _missing(error: BaseException) -> str:
+def missing(error: BaseException) -> str:
     """Returns the package whose import failed; empty if it is installed, but lacks a submodule."""
     name = error.name if isinstance(error, ModuleNotFoundError) else None
     module = (name or "").partition(".")[0]
     return module if module and find_spec(module) is None else ""
 
 
-def _installer(module: str) -> str:
+def installer(module: str) -> str:
+    """Returns how to install the package of a module; empty if no extra has it."""
     for extra, packages in extras().items():
         if package_of(module) in packages:
             mark = ".venv/.base" if extra == "reproduce" else f".venv/.{extra}"

@@ -9,8 +9,9 @@ from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
 from envs.arrays import Floats
 from envs.inputs import InputError, Label, Line, Share, Table, require, shortened
-from envs.packages import contained, imported
+from envs.packages import contained
 from envs.regions import HEADINGS, Cell, Heading, Length, Place, Regions, Ring
+from envs.sources import imported
 
 MAX_STATES = 4_000_000  # states of a scenario
 _MAX_REWARD = 1_000_000

@@ -31,7 +31,7 @@ from envs.people import (
     Reward,
 )
 from envs.regions import Cell, Grid, Regions, Ring, listed
-from envs.sources import find_modules_in
+from envs.sources import search_beside
 
 SCENARIO_DIRECTORY = Path(__file__).parent / "scenarios"
 _MAX_STATES_OF_PLACE = 100_000  # states that are compiled together
@@ -370,7 +370,7 @@ def load_scenario(
     changed = inputs.override(inputs.read_toml(path), overrides or {}, str(path))
     checked = _checked(json.dumps(changed, default=str), path)
     if checked.own_feedback:
-        find_modules_in(str(path.parent.resolve()))
+        search_beside(path)
     return checked
 
 

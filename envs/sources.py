@@ -1,22 +1,33 @@
-"""Users' own modules, which have no version: where they are, and what they depend on."""
+"""Users' own modules, which have no version: where they are, and what they depend on.
+
+A module that a file names is found beside that file, or in the current folder, and so are those
+that it imports. `sys.path` stays as it is, so nothing else that lies there can be imported.
+"""
 
 import ast
 import hashlib
 import importlib
+import inspect
 import json
 import sys
 import sysconfig
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
+from importlib.abc import MetaPathFinder
+from importlib.machinery import PathFinder
 from importlib.util import find_spec, resolve_name
 from pathlib import Path
+from types import FrameType, ModuleType
 from typing import Any
 
-from envs.packages import contained
+from envs.inputs import InputError, guess, shortened
+from envs.packages import contained, installer, missing
 
-# Folders of experiments and scenarios that were read, where Python also looks for modules.
-SEARCHED: list[str] = []
+# Folders of experiments and scenarios that were read, the last one first.
+_SEARCHED: list[str] = []
+# Users' modules, without those inside packages, and the folder of each.
+FOUND: dict[str, str] = {}
 _LIBRARY = Path(sysconfig.get_path("stdlib"))
 _INSTALLED = {"site-packages", "dist-packages"}
 _OURS = {"agents", "benchmark", "envs"}
@@ -24,11 +35,85 @@ _OURS = {"agents", "benchmark", "envs"}
 VARIABLES = {"MPLBACKEND": "agg", "MKL_CBWR": "AVX2", "ATEN_CPU_CAPABILITY": "avx2"}
 
 
-def find_modules_in(folder: str) -> None:
-    """Has modules found in a folder, after all others, here and in workers that start later."""
-    for folders in (SEARCHED, sys.path):
-        if folder not in folders:
-            folders.append(folder)
+class _Finder(MetaPathFinder):
+    """Finds modules in `FOUND`, and those that they import from the same folder."""
+
+    def find_spec(self, name: str, path: object = None, _: object = None) -> Any:
+        """Returns where a module is; None if it is part of a package, or no user's."""
+        folder = None if path else FOUND.get(name) or FOUND.get(_importer(inspect.currentframe()))
+        spec = PathFinder.find_spec(name, [folder]) if folder else None
+        if spec and folder:
+            FOUND[name] = folder
+        return spec
+
+
+_FINDER = _Finder()
+
+
+def _importer(frame: FrameType | None) -> str:
+    """Returns the module, or the package that has it, whose code imports another one."""
+    name = "importlib"
+    while frame and name in ("importlib", "pkgutil"):
+        frame = frame.f_back
+        name = str(frame.f_globals.get("__name__")).partition(".")[0] if frame else ""
+    return name
+
+
+def search_beside(path: Path) -> None:
+    """Has modules found that a file names, see `find_module`."""
+    folder = str(path.resolve().parent)
+    _SEARCHED[:] = [folder, *(each for each in _SEARCHED if each != folder)]
+
+
+def find_module(name: str) -> bool:
+    """Has a module found that a file names; returns whether there is one.
+
+    It is looked for where Python does, then beside the files that were read, then in the current
+    folder. An InputError says that another one of this name has been found before.
+    """
+    whole, _, _ = name.partition(".")
+    found = _found(whole, [*_SEARCHED, str(Path.cwd())])
+    return found or whole in sys.modules or find_spec(whole) is not None
+
+
+def _found(name: str, folders: Sequence[str]) -> bool:
+    """Returns whether a module is in one of some folders, and not where Python looks for it."""
+    if name not in FOUND and (name in sys.modules or find_spec(name)):
+        return False
+    for folder in folders:
+        if PathFinder.find_spec(name, [folder]):
+            use_modules({name: folder})
+            return True
+    return False
+
+
+def use_modules(found: Mapping[str, str]) -> None:
+    """Has users' modules found, given the folder of each; refuses those known from elsewhere."""
+    if _FINDER not in sys.meta_path:
+        sys.meta_path.append(_FINDER)  # last, so that users' modules hide no others
+    for name, folder in found.items():
+        if FOUND.setdefault(name, folder) != folder:
+            what = f"module {name} in {folder}: there is one of this name in {FOUND[name]}"
+            raise InputError(f"{what}; accepted: another name, or a new process.")
+
+
+def imported(name: str, source: str, kind: str) -> object:
+    """Imports the object that a source names as `module:attribute`, or raises an InputError."""
+    module, _, attribute = name.partition(":")
+    if not attribute:
+        raise InputError(f"{source}: {kind} {shortened(name)}: accepted: module:attribute.")
+    loaded: ModuleType | None = None
+    try:
+        with contained():
+            find_module(module)
+            loaded = importlib.import_module(module)
+            return getattr(loaded, attribute)
+    except Exception as error:  # a module can raise anything
+        reason = str(error).removesuffix(".")
+        hint = installer(missing(error)) if loaded is None else guess(attribute, dir(loaded))
+        raise InputError(
+            f"{source}: {kind} {shortened(name)} cannot be imported: {reason}{hint}."
+        ) from error
 
 
 def digest_of_source(module: str) -> str:
@@ -49,7 +134,7 @@ def digest_of_source(module: str) -> str:
     counted, names = list[str](), [module]
     for name in names:  # which grows
         with suppress(Exception):  # not found, not a user's, no file or no Python
-            spec = _user_spec(name)
+            spec = _user_spec(name, FOUND.get(module.partition(".")[0], ""))
             source = Path(spec.origin).read_bytes()
             counted.append(f"{name} {hashlib.sha256(source).hexdigest()}")
             tree = trees[name] = ast.parse(source)
@@ -71,9 +156,12 @@ def digest_when_loaded(module: str) -> str:
     return digest_of_source(module)
 
 
-def _user_spec(name: str) -> Any:
-    """Finds a user's module; None if there is no such module."""
-    spec: Any = None if name.partition(".")[0] in _OURS else find_spec(name)
+def _user_spec(name: str, folder: str) -> Any:
+    """Finds a user's module, perhaps in a folder; None if there is no such module."""
+    whole, _, _ = name.partition(".")
+    if whole not in _OURS and folder:
+        _found(whole, [folder])
+    spec: Any = None if whole in _OURS else find_spec(name)
     path = Path(spec.origin)
     return None if path.is_relative_to(_LIBRARY) or _INSTALLED & {*path.parts} else spec
 

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import settings
 
 from agents.sb3 import use_same_instructions
+from envs.sources import FOUND
 
 # A test trains nets in as many processes as it needs; threads would only wait for each other.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -29,6 +30,7 @@ def users_modules_go(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]
     path = [*sys.path]
     yield
     sys.path[:] = path
+    FOUND.clear()
     written = str(tmp_path_factory.getbasetemp())
     for name, module in [*sys.modules.items()]:
         if str(getattr(module, "__dict__", {}).get("__file__")).startswith(written):

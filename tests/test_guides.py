@@ -3,7 +3,6 @@
 import doctest
 import re
 import runpy
-import sys
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -42,7 +41,6 @@ def steps_of(page: str) -> Iterator[tuple[str, str]]:
 def follow(page: str, monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
     """Does in a folder what a guide says, without the commands that lead there."""
     monkeypatch.chdir(folder)
-    monkeypatch.setattr(sys, "path", [str(folder), *sys.path])  # as `python -m` does
     for kind, text in steps_of(page):
         if kind == "sh":
             words = text.split()

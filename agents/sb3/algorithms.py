@@ -28,7 +28,8 @@ from agents.sb3.settings import (
 from envs import Model
 from envs.inputs import Count, InputError, Share
 from envs.observations import IMAGES, VECTORS
-from envs.packages import imported, needed_by
+from envs.packages import needed_by
+from envs.sources import imported
 
 # What this project sets itself, and types of arguments that it understands.
 _SET_HERE = {"policy", "env", "device", "seed", "verbose", "tensorboard_log", "stats_window_size"}

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from agents.contract import LearnerSettings
 from envs.inputs import Count, InputError, Share, Table, shortened
-from envs.packages import imported
+from envs.sources import imported
 
 Units = Annotated[int, Field(ge=1, le=4096)]
 BufferSize = Annotated[int, Field(ge=1, le=10_000_000)]

@@ -2,12 +2,15 @@
 
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from envs.sources import digest_of_source, digest_when_loaded
-from tests.support import ROOT
+from envs import InputError
+from envs.sources import digest_of_source, digest_when_loaded, imported, search_beside
+from tests.support import ROOT, small_experiment, variant
 
 COUNTED = {
     "mine.py": "import os, numpy\ndef f():\n    from inner import deep\n    import near_by.near",
@@ -102,3 +105,44 @@ def test_what_changes_while_a_module_is_used_does_not_count(
     assert "" != digest_of_source("counts") == before
     monkeypatch.setattr(sys.modules["counts"], "RATE", 0.5, raising=False)
     assert digest_of_source("counts") != before == digest_when_loaded("counts")
+
+
+def test_only_modules_that_are_named_and_what_they_import_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ran, path = list[str](), [*sys.path]
+    monkeypatch.setattr(sys, "ran", ran, raising=False)
+    imports = {
+        "named.py": "import beside, several.inner\ndef late():\n    import later\n"
+        "    return importlib.import_module('much_later'), pkgutil.resolve_name('last')\n",
+        **dict.fromkeys(("several/inner.py", "later.py", "much_later.py", "last.py"), ""),
+        "beside.py": "try:\n    import numpy.unnamed, unnamed\nexcept ImportError:\n    pass\n",
+        **dict.fromkeys(("of_nobody.py", "other/named.py"), ""),
+    }
+    begin = "import sys, importlib, pkgutil\nsys.ran.append(__name__)\n"
+    write(tmp_path, {name: begin + text for name, text in imports.items()})
+    search_beside(tmp_path / "mine.toml")
+    late: Any = imported("named:late", "mine.toml", "function")
+    assert digest_when_loaded("named") == digest_of_source("named") != ""
+    late()
+    assert ran == ["named", "beside", "several.inner", "later", "much_later", "last"]
+    assert (sys.path, find_spec("of_nobody"), find_spec("other")) == (path, None, None)
+    search_beside(tmp_path / "other" / "mine.toml")
+    with pytest.raises(InputError, match="accepted: another name, or a new process"):
+        imported("named:late", "mine.toml", "function")
+
+
+@pytest.mark.slow
+def test_no_file_runs_that_nobody_has_named(tmp_path: Path) -> None:
+    """Beside an experiment, and where the command runs; also in its workers."""
+    names = ["cffi", "zstandard", "linkify_it", "tensorboard", "json", "socket", "random", "rich"]
+    bad = f"open({str(tmp_path / 'MARKER')!r}, 'w')\n"
+    write(tmp_path, dict.fromkeys([f"{where}/{name}.py" for name in names for where in "ab"], bad))
+    settings = {"budget": 200, "n_steps": 100}
+    learner = variant("stable_baselines3:A2C", "one_hot", settings=settings)
+    text = small_experiment(algorithms={"net": learner}, report="comparison")
+    write(tmp_path, {"a/mine.toml": text})
+    for where in "ab":
+        command = [sys.executable, "-m", "benchmark", "run", "../a/mine.toml", "--report"]
+        subprocess.run(command, cwd=tmp_path / where, check=True)
+    assert not (tmp_path / "MARKER").exists()
