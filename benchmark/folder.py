@@ -5,6 +5,7 @@ made from the others, and ends with its own digest. So a file that was changed i
 """
 
 import fcntl
+import gzip
 import hashlib
 import json
 import os
@@ -27,6 +28,8 @@ MANIFEST = "manifest.json"
 README = "README.md"
 MEANINGS = "columns.csv"
 SEAL = "sha256"  # the last key: the digest of all others, as JSON with sorted keys
+MAX_UNPACKED = 500_000_000  # bytes of a compressed file's content
+MAX_COLUMNS = 1000
 REPOSITORY = Path(__file__).parents[1]
 
 
@@ -106,8 +109,24 @@ def committed(name: str, file: str) -> bytes | None:
         return None
 
 
+def unpacked(packed: bytes) -> bytes:
+    """Returns the content of a gzip file; raises an error if it is damaged, or too large."""
+    content = gzip.GzipFile(fileobj=BytesIO(packed)).read(MAX_UNPACKED + 1)
+    if len(content) > MAX_UNPACKED:
+        raise ValueError(f"it unpacks to more than {MAX_UNPACKED:,} bytes")
+    return content
+
+
+def check_columns(content: bytes) -> None:
+    """Raises a ValueError if a table has too many columns."""
+    n = content.partition(b"\n")[0].count(b",") + 1
+    if n > MAX_COLUMNS:
+        raise ValueError(f"it has {n:,} columns, more than {MAX_COLUMNS:,}")
+
+
 def read_csv(content: bytes) -> pd.DataFrame:
     """Reads a table. Only "nan" and, among numbers, an empty entry are missing values, not "NA"."""
+    check_columns(content)
     texts = pd.read_csv(BytesIO(content), keep_default_na=False, dtype=str)
     table = pd.read_csv(BytesIO(content), keep_default_na=False, na_values=["", "nan"])
     are_texts = [name for name in table if table[name].dtype == object or not texts[name].any()]

@@ -165,8 +165,8 @@ def _kept(made: bytes, *known: bytes | None) -> bytes:
 def unmeasured(packed: bytes) -> str | bytes:
     """Returns the content of a compressed file, without measured columns if it is a table."""
     try:
-        content = gzip.decompress(packed)
-    except (OSError, EOFError, zlib.error):
+        content = folders.unpacked(packed)
+    except (OSError, EOFError, ValueError, zlib.error):
         return packed
     if not content.startswith(b"scenario,"):
         return content
@@ -186,9 +186,9 @@ def read_table(folder: Path, name: str) -> pd.DataFrame:
         raise InputError(f"{path}: there are no runs yet; run the experiment first.")
     packed = folders.Folder(folder).content(name)
     with folders.damaged(path):
-        text = io.StringIO(gzip.decompress(packed).decode())
-        texts = dict.fromkeys(_TEXTS, str)
-        frame = pd.read_csv(text, dtype=texts, keep_default_na=False, na_values=["", "nan"])
+        folders.check_columns(content := folders.unpacked(packed))
+        texts, file = dict.fromkeys(_TEXTS, str), io.BytesIO(content)
+        frame = pd.read_csv(file, dtype=texts, keep_default_na=False, na_values=["", "nan"])
         if not frame["success"].between(0, 1).all():
             raise ValueError("success is not a probability")
         return frame.fillna(dict.fromkeys(_TEXTS, ""))

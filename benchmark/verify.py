@@ -18,17 +18,28 @@ import pandas as pd
 
 from benchmark import front, report
 from benchmark.experiment import PUBLISHED, Experiment, experiment_names, load_experiment
-from benchmark.folder import README, REPOSITORY, Folder, alone, csv_text, digests
+from benchmark.folder import (
+    MANIFEST,
+    MEANINGS,
+    README,
+    REPOSITORY,
+    Folder,
+    alone,
+    csv_text,
+    digests,
+)
+from benchmark.page.build import page
 from benchmark.run import execute, parse_jobs
 from benchmark.store import Store
-from benchmark.tables import MEASURED, Group, read, run_id, tables
+from benchmark.tables import AGENTS, MEASURED, Group, read, run_id, tables
 from benchmark.trials import chosen_file, read_chosen
 from envs import InputError
 from envs.inputs import whole_number
 
 _MOST = 1_000_000  # of runs to repeat, and of seeds that select them
 _STORE = "runs.db"
-_TEXTS = (README, "index.html", "scenes.svg")  # about all published results
+_PAGE = "index.html"
+_TEXTS = (README, _PAGE, "scenes.svg")  # about all published results
 Tables = tuple[pd.DataFrame, pd.DataFrame]
 
 
@@ -43,19 +54,38 @@ def main(options: argparse.Namespace) -> int:
     results, n_problems = options.results, 0
     shown = [each for each in experiments if (results / each.name).is_dir()]
     if not shown:
-        raise InputError(f"{results}: no run of these experiments is published.")
+        accepted = "a folder with " + ", ".join(each.name for each in experiments)
+        raise InputError(f"--results {results}: nothing to verify; accepted: {accepted}.")
     with TemporaryDirectory() as name, alone(results):
         made = Path(name) / "results"
-        shutil.copytree(results, made, ignore=shutil.ignore_patterns(f"{_STORE}*", ".*"))
+        for folder in results.iterdir():
+            if folder.is_dir():
+                (made / folder.name).mkdir(parents=True)
+                for file in _files(folder):
+                    shutil.copy(folder / file, made / folder.name)
         if (results / _STORE).exists():
             (made / _STORE).symlink_to((results / _STORE).resolve())
         with Store(Path(name) / "repeated.db") as repeated:
             for problem in _problems(shown, results, made, repeated, (n, seed, jobs)):
                 print(problem, file=sys.stderr)
                 n_problems += 1
+    known = {*_TEXTS, *(each.name for each in shown)}
+    others = sorted(
+        each.name
+        for each in results.iterdir()
+        if each.name not in known and not each.name.startswith((".", _STORE))
+    )
+    if options.experiment is None and others:
+        print(f"not checked: {', '.join(others)}.")
     if n_problems:
         print(f"problems found: {n_problems}.")
+    print("Digests show that files belong together, not who made them; repeated runs show more.")
     return int(n_problems > 0)
+
+
+def _files(folder: Path) -> set[str]:
+    """Returns the names of a folder's files, without hidden ones."""
+    return {each.name for each in folder.iterdir() if each.is_file() and each.name[0] != "."}
 
 
 def _problems(
@@ -128,18 +158,35 @@ def _difference(group: Group, published: Tables, repeated: Store) -> str:
 def _changes(experiment: Experiment, folder: Path, made: Path) -> Iterator[str]:
     """Checks a folder's files, makes them again, and yields what differs."""
     published = Folder(folder)
+    others = _others(experiment, published)
+    if others:
+        yield f"{folder}: {MANIFEST} does not list {', '.join(others)}; move them away."
     published.check()
     if experiment.declared.search is not None:
         yield from unfounded(experiment, published)
     report.write(experiment, made)
-    before, after = digests(folder), digests(made)
+    before, after = digests(folder, but=others), digests(made, but=others)
     names = sorted(before.keys() | after.keys())
     different = [name for name in names if before.get(name) != after.get(name)]
+    there = folder / _PAGE
+    if there.is_file() and there.read_text(encoding="utf-8") != page(made, [Folder(made)]):
+        different.append(_PAGE)
     if different:
         again = f"'report {experiment.argument}' writes them again"
         yield f"{folder}: different from what its runs make: {', '.join(different)}; {again}."
     else:
         print(f"{experiment.name}: all {len(names)} files match its manifest and its runs.")
+        if AGENTS in published.files:
+            print(f"{experiment.name}: {AGENTS} is not made again: it needs the runs' records.")
+
+
+def _others(experiment: Experiment, folder: Folder) -> list[str]:
+    """Returns what does not belong to a folder; an experiment of `bench` has its file there."""
+    own = experiment.path.name, experiment.path.with_suffix(".py").name
+    about = {MANIFEST, README, MEANINGS, _PAGE, *own, *folder.files}
+    return sorted(
+        each.name for each in folder.path.iterdir() if each.name[0] != "." if each.name not in about
+    )
 
 
 def unfounded(experiment: Experiment, folder: Folder) -> Iterator[str]:

@@ -13,7 +13,7 @@ from urllib.parse import quote
 
 from markdown_it import MarkdownIt
 
-from benchmark.folder import README, Folder, write_text
+from benchmark.folder import README, Folder, damaged, unpacked, write_text
 from benchmark.tables import AGENTS
 
 _HERE = Path(__file__).parent
@@ -50,11 +50,7 @@ def page(where: Path, folders: Sequence[Folder]) -> str:
     """Returns the page of folders, in the folder `where`."""
     chapters = [_Chapter(where, folder) for folder in folders]
     is_own = folders[0].path == where
-    agents = [
-        base64.b64encode(folder.content(AGENTS)).decode("ascii")
-        for folder in folders
-        if AGENTS in folder.files
-    ]
+    agents = [_agents(folder) for folder in folders if AGENTS in folder.files]
     css, js = _file("page.css"), "\n".join(_file(f"{name}.js") for name in _SCRIPTS)
     listed = "\n".join(f'<li><a href="#{each.name}">{each.question}</a></li>' for each in chapters)
     opening = f"<p>{_INTRODUCTION}</p>\n<ul>\n{listed}\n</ul>"
@@ -72,6 +68,14 @@ def page(where: Path, folders: Sequence[Folder]) -> str:
         css_digest=_digest(css),
         js_digest=_digest(js),
     )
+
+
+def _agents(folder: Folder) -> str:
+    """Returns the explorer's file as the page has it."""
+    packed = folder.content(AGENTS)
+    with damaged(folder.path / AGENTS):
+        unpacked(packed)
+    return base64.b64encode(packed).decode("ascii")
 
 
 class _Chapter:

@@ -1,5 +1,6 @@
 """Folders of results: nothing changed is read, and nothing is lost while files are written."""
 
+import gzip
 import json
 import subprocess
 import sys
@@ -10,6 +11,7 @@ import pandas as pd
 import pytest
 from pandas.testing import assert_frame_equal
 
+from benchmark import folder as folders
 from benchmark.folder import (
     MANIFEST,
     Folder,
@@ -20,6 +22,7 @@ from benchmark.folder import (
     write_manifest,
     write_text,
 )
+from benchmark.tables import RUNS, read_table
 from envs import InputError
 from tests.support import ROOT
 
@@ -138,3 +141,25 @@ def test_one_process_at_a_time(folder: Path) -> None:
     assert "waiting for another command that writes there" in second.stderr.readline()
     assert first.communicate()[0] == ""
     assert second.communicate()[0] == "in\n"
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        (bytes(2000), "it unpacks to more than 1,000 bytes"),
+        (b"," * 20, "it has 21 columns, more than 10"),
+    ],
+)
+def test_files_that_grow_when_they_are_read_are_refused(
+    content: bytes, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(folders, "MAX_UNPACKED", 1000)
+    monkeypatch.setattr(folders, "MAX_COLUMNS", 10)
+    (tmp_path / RUNS).write_bytes(gzip.compress(content))
+    (tmp_path / "wide.csv").write_bytes(content)
+    write_manifest(tmp_path, {})
+    with pytest.raises(InputError, match=expected):
+        read_table(tmp_path, RUNS)
+    if b"," in content:
+        with pytest.raises(InputError, match=expected):
+            Folder(tmp_path).tables()

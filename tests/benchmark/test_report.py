@@ -13,6 +13,7 @@ from benchmark.experiment import load_experiment
 from benchmark.folder import MANIFEST, README, Folder
 from benchmark.tables import AGENTS, CURVES, RUNS, read
 from envs import InputError
+from envs.sources import FOUND
 from tests.support import git, small_experiment, variant
 
 STUDY = '''"""How much does success vary?"""
@@ -67,6 +68,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def mine(trained: Path, tmp_path: Path) -> Path:
     """A copy of it."""
+    FOUND.clear()  # as in a new process
     return shutil.copytree(trained, tmp_path / "copy")
 
 

@@ -1,7 +1,9 @@
 """The command `verify`: every change of published files is named, and none of them runs code."""
 
+import os
 import re
 import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -11,7 +13,7 @@ from benchmark.folder import MANIFEST, README, Folder, unsealed, write_manifest
 from benchmark.tables import publish, read
 from benchmark.trials import Choices, write_choices
 from benchmark.verify import unfounded
-from tests.support import made, small_experiment, variant
+from tests.support import ROOT, made, small_experiment, variant
 
 EXPERIMENT = small_experiment(
     report={"kind": "comparison"},
@@ -46,7 +48,6 @@ def verify(results: Path, capsys: pytest.CaptureFixture[str], *more: str) -> tup
 def test_what_is_as_it_was_made_is_verified(
     results: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (results / "mine" / "notes.txt").write_text("a reader's own")
     before = {path: path.read_bytes() for path in results.rglob("*.*") if path.is_file()}
     code, said = verify(results, capsys, "--seed", "3")
     assert code == 0, said
@@ -67,10 +68,36 @@ def test_changed_and_missing_files_are_named(
     assert code == 1
     for file in ("summary.csv", "cost.csv"):
         assert f"{folder / file}: damaged" in said
-    (folder / MANIFEST).unlink()
+    for name in (MANIFEST, README):
+        (folder / name).unlink()
     code, said = verify(results, capsys)
     assert code == 1
     assert f"{folder}: there are no results" in said
+
+
+def test_what_is_no_part_of_the_results_is_named(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (results / "mine" / "new.csv").write_text("x\n1\n", encoding="utf-8")
+    (results / "mine" / "more").mkdir()
+    (results / "mine" / "index.html").write_text("by hand", encoding="utf-8")
+    os.mkfifo(results / "mine" / "pipe")
+    code, said = verify(results, capsys)
+    assert code == 1
+    assert "manifest.json does not list more, new.csv, pipe; move them away." in said
+    assert "different from what its runs make: index.html;" in said
+    for name in (str(results / "mine.toml"), "reproduce"):
+        nowhere = results / "typo" / "x"
+        assert main(["verify", name, "--results", str(nowhere)]) == 2
+        assert f"--results {nowhere}: nothing to verify; accepted: " in capsys.readouterr().err
+    assert not nowhere.parent.exists()
+
+
+def test_files_stay_as_they_are_when_git_checks_them_out() -> None:
+    names = ("README.md", "results/when/cells.csv", "benchmark/verify.py")
+    command = ["git", "check-attr", "text", "--", *names]
+    said = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout
+    assert said.splitlines() == [f"{name}: text: unset" for name in names]
 
 
 def test_forged_files_with_right_digests_are_noticed(
