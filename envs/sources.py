@@ -18,8 +18,10 @@ from importlib.abc import MetaPathFinder
 from importlib.machinery import PathFinder
 from importlib.util import find_spec, resolve_name
 from pathlib import Path
-from types import FrameType, ModuleType
+from types import FrameType, FunctionType, ModuleType
 from typing import Any
+
+import numpy as np
 
 from envs.inputs import InputError, guess, shortened
 from envs.packages import contained, installer, missing
@@ -122,12 +124,14 @@ def digest_of_source(module: str) -> str:
     It is the same in every process, and counts:
 
     - the sources of the module and of the users' modules that they import
-    - once the module has been imported, its global variables that are numbers, arrays or tuples of
-      these, wherever the values are from, and those of the users' modules that it has objects of
+    - once the module has been imported, its global variables that are numbers, texts but paths,
+      arrays or tuples of these, wherever the values are from; what its functions have of these as
+      defaults and in closures; and the same of the users' modules that it has objects of
 
-    Variables that a function declares `global` do not count, since they may change, nor does code
-    with a version: installed packages, Python's library and this project. What a function reads
-    when it is called, such as a file, and modules under names composed at run time, cannot be seen.
+    Variables that a function declares `global`, lists, dicts and attributes do not count, since
+    they may change, nor does code with a version: installed packages, Python's library and this
+    project. What a function reads when it is called, such as a file, and modules under names
+    composed at run time, cannot be seen.
     """
     importlib.invalidate_caches()
     trees: dict[str, ast.Module] = {}
@@ -140,7 +144,7 @@ def digest_of_source(module: str) -> str:
             tree = trees[name] = ast.parse(source)
             package = name if spec.submodule_search_locations else name.rpartition(".")[0]
             names += {package, *_imports(tree, package)}.difference(names)
-    counted += _numbers(module, trees)
+    counted += _constants(module, trees)
     return hashlib.sha256(repr(sorted(counted)).encode()).hexdigest() if counted else ""
 
 
@@ -176,21 +180,36 @@ def _imports(tree: ast.Module, package: str) -> Iterator[str]:
             yield from (outer, *(f"{outer}.{alias.name}" for alias in node.names))
 
 
-def _numbers(module: str, trees: Mapping[str, ast.Module]) -> Iterator[str]:
-    """Yields the global numbers of a loaded module, and of users' modules whose objects it has."""
+def _constants(module: str, trees: Mapping[str, ast.Module]) -> Iterator[str]:
+    """Yields the constants of a loaded module, and of users' modules whose objects it has."""
     waiting = [*({module} & trees.keys())]
     for name in waiting:  # which grows
         nodes = [node for node in ast.walk(trees[name]) if isinstance(node, ast.Global)]
         changing = {each for node in nodes for each in node.names}
         for key, value in [*getattr(sys.modules.get(name), "__dict__", {}).items()]:
-            with suppress(Exception):  # no number, or an object that does not say where it is from
+            with suppress(Exception):  # an object that does not say what it is, or where from
                 origin = getattr(value, "__module__", "") or getattr(value, "__name__", "")
                 if origin in trees and origin not in waiting:
                     waiting.append(origin)
-                if not isinstance(value, (str, list, dict)) and key not in changing:
-                    numbers = json.dumps(value, default=_array)
-                    yield f"{name}.{key}={numbers}"
+                constant = json.dumps(_constant(value), default=_constant)
+                if constant != "null" and key not in changing:
+                    yield f"{name}.{key}={constant}"
 
 
-def _array(array: Any) -> list[Any]:
-    return [str(array.dtype), array.tolist()]
+def _constant(value: Any) -> Any:
+    """Returns what counts of a value, see `digest_of_source`; None if that is nothing."""
+    value = getattr(value, "py_func", value)  # of a function that numba compiles
+    match value:
+        case bool() | int() | float() | tuple():
+            return value
+        case str():
+            return None if "/" in value else value
+        case np.ndarray() | np.generic():
+            return [str(value.dtype), value.tolist()]
+        case FunctionType():
+            held = [cell.cell_contents for cell in value.__closure__ or ()]
+            held += [*(value.__defaults__ or ()), *(value.__kwdefaults__ or {}).values()]
+            return [_constant(each) for each in held]
+        case _ if type(value).__module__.startswith("agents."):  # it has a user's functions
+            return [*map(_constant, vars(value).values())]
+    return None

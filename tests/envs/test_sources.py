@@ -25,9 +25,15 @@ OTHERS = {"other.py": "", "inner/third.py": "", "mine.toml": "", "near_by/rate.t
 RULE = """
 from pathlib import Path
 import numpy as np
+from agents.tabular.learner import TabularAlgorithm
+from agents.tabular.updates import UpdateRule
 from rates import half, os as system
 MEASURED = tuple(np.loadtxt(Path(__file__).with_name("measured.csv"))), 1
 PATIENCE = float(system.environ.get("PATIENCE", 1.0))
+KIND = system.environ.get("KIND", "fast")
+def made(rate):
+    return lambda after, step=float(system.environ.get("STEP", 1.0)): rate
+RULE = TabularAlgorithm(UpdateRule(made(float(system.environ.get("RATE", 1.0)))))
 def rule():
     return PATIENCE + half()
 """
@@ -77,6 +83,7 @@ def test_numbers_from_files_and_the_environment_change_the_digest(
     changes = [
         ("PATIENCE", "3"),
         *FILES.items(),
+        *[("KIND", "slow"), ("STEP", "2"), ("RATE", "2")],
         ("PATIENCE", "4"),
         ("HOME", "x"),
         ("unrelated.py", ""),
