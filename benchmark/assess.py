@@ -5,7 +5,7 @@ over all observations, so it has to be memoryless.
 """
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -90,6 +90,7 @@ class Assessment:
     observation: str  # the form that the agent is given
     policy: Policy  # (O, A) its action probabilities
     evaluation: Evaluation  # exact, from the scenario's starts
+    note: str = ""  # what is not known about the agent
 
     @property
     def unbounded_score(self) -> float:
@@ -119,6 +120,7 @@ class Assessment:
             f"  steps                {float(exact.steps):g}\n"
             f"  wrong PINGs          {float(exact.wrong_pings):g}\n"
             f"  uncomfortable steps  {float(uncomfortable):g}"
+            + (f"\n  note: {self.note}" if self.note else "")
         )
 
     def draw(self, path: str | Path) -> None:
@@ -135,13 +137,19 @@ class Assessment:
 
 
 def assess(
-    agent: object, *, scenario: ScenarioLike, observation: str, stochastic: bool = False
+    agent: object,
+    *,
+    scenario: ScenarioLike,
+    observation: str,
+    stochastic: bool = False,
+    overrides: Mapping[str, object] | None = None,
 ) -> Assessment:
     """Evaluates an agent exactly in a scenario, under the time limit of the published experiments.
 
     A model that was loaded does not say behind which wrappers it was trained. Its last observation
     shows most that change observations, but not, for example, `1 - o`, or one that changes actions:
-    assess a function.
+    assess a function. With another environment, as by `load(path, env=env)` or `set_env`, a model
+    forgets this observation: the result then has a note that it may be wrong.
 
     Args:
       agent: A function that takes an observation and returns an action from 0 to 4
@@ -151,17 +159,19 @@ def assess(
       scenario: A name or a path, see `envs.load_scenario`.
       observation: The form of observation that the agent takes, see `envs.observations`.
       stochastic: Whether a model draws its actions; otherwise it acts greedily.
+      overrides: New values for keys of the scenario, by dotted key, as in `gymnasium.make`.
 
     Raises:
       InputError: The scenario, the form of observation or the model cannot be used, or a function
         returns something else, or another answer when it is asked again.
     """
-    model = compile_seen(load_scenario(scenario), observation)
+    model, note = compile_seen(load_scenario(scenario, overrides), observation), ""
     owner = getattr(agent, "__self__", None)
     if getattr(agent, "__name__", "") == "predict" and is_sb3_class(type(owner)):
         agent = owner
     if is_sb3_class(type(agent)):
         policy = _policy_of_model(agent, model, observation, stochastic=stochastic)
+        note = _note(agent)
     elif not callable(agent):
         accepted = "a function, or a model of Stable-Baselines3"
         raise InputError(f"agent = {_shown(agent)}: accepted: {accepted}.")
@@ -170,7 +180,17 @@ def assess(
     else:
         policy = _policy_of_function(agent, model, observation)
     check_anchors(model, HORIZON)
-    return Assessment(model, observation, policy, evaluate(model, policy, HORIZON))
+    return Assessment(model, observation, policy, evaluate(model, policy, HORIZON), note)
+
+
+def _note(agent: Any) -> str:
+    """Returns what a model of Stable-Baselines3 does not say; empty if it says what it can."""
+    if agent._last_obs is not None or not agent.num_timesteps:
+        return ""
+    return (
+        "its last observation in training is missing: if wrappers, such as VecNormalize, changed "
+        "what it observed, this result is wrong; assess a function that does the same"
+    )
 
 
 def _policy_of_function(act: Act, model: Model, observation: str) -> Policy:

@@ -40,6 +40,9 @@ def test_scores_of_the_optimal_the_random_and_a_worse_policy() -> None:
     assert random.unbounded_score < gives_up.unbounded_score == pytest.approx(0, abs=1e-9)
     worse = assess(lambda _: UP, scenario="S1", observation="index")
     assert worse.unbounded_score < worse.score == 0
+    one = {"ping_limit": 1}
+    once = assess(lambda _: PING, scenario="S1", observation="index", overrides=one)
+    assert float(once.evaluation.steps) == 1
 
 
 def test_episodes_of_the_environment_agree() -> None:

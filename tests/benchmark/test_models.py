@@ -1,5 +1,6 @@
 """Models act as they predict; what may change them, and untrusted files, are refused."""
 
+import re
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -207,5 +208,15 @@ def test_what_a_file_does_not_say_is_not_trusted(saved: dict[str, Path], tmp_pat
     PPO.load(saved["PPO"], env=env()).save(tmp_path / "again")  # which forgets the last observation
     with pytest.raises(InputError, match=r"agent: its last observation in training is missing"):
         scored(PPO.load(tmp_path / "again"))
-    loaded = scored(PPO.load(saved["PPO"], env=env()))
-    assert np.array_equal(scored(PPO.load(saved["PPO"])).policy, loaded.policy)
+    exact = scored(PPO.load(saved["PPO"]))
+    assert (exact.note, "note" in repr(exact)) == ("", False)
+    loaded, reset = PPO.load(saved["PPO"], env=env()), PPO.load(saved["PPO"])
+    reset.set_env(env())
+    for found in map(scored, (loaded, reset, loaded.predict)):
+        assert np.array_equal(found.policy, exact.policy)
+        assert f"note: {found.note}" in repr(found)
+        assert re.match("its last observation in training is missing: .* is wrong", found.note)
+    assert scored(PPO("MlpPolicy", env(), device="cpu")).note == ""
+    loaded.policy.double()
+    with pytest.raises(InputError, match=r"accepted: a net of single precision, .*float\(\)"):
+        scored(loaded)
