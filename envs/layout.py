@@ -15,7 +15,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from envs.arrays import Bools, Codes, Floats, Ints
+from envs.arrays import Bools, Codes, Floats, Ints, read_only_property
 from envs.inputs import require
 from envs.people import Group, Issuer, Onlookers, Person, Phase, Walk
 from envs.regions import (
@@ -54,12 +54,12 @@ class Layout:
         arrays = ("ways", "zone", "is_start", "novelty", "onlookers")
         return replace(self, **{name: getattr(self, name)[places] for name in arrays} | changes)
 
-    @cached_property
+    @read_only_property
     def ticks(self) -> Ints:
         """(ticks,) the phase of each tick of the clock."""
         return _ticks(self.stages)
 
-    @cached_property
+    @read_only_property
     def following(self) -> tuple[Ints, Floats]:
         """The K ticks that may follow each tick, (ticks, K), and their probabilities."""
         n, stages = len(self.ticks), self.stages
@@ -84,7 +84,7 @@ class Layout:
         cells = self.grid.position[self.ways]
         return tuple(tuple(map(tuple, place)) for place in cells.tolist())
 
-    @cached_property
+    @read_only_property
     def standing(self) -> Ints:
         """(J, P, people) the cells of the person and the group, in each place and phase."""
         standing = np.repeat(self.ways[:, None], len(self.stages), axis=1)
@@ -93,17 +93,17 @@ class Layout:
                 standing[:, p] = self.grid.index(stage.position)
         return standing
 
-    @cached_property
+    @read_only_property
     def issuer_cells(self) -> Ints:
         """(I,) the cells where the person or someone of the group may stand, rising."""
         return np.unique(self.standing)
 
-    @cached_property
+    @read_only_property
     def starts(self) -> Ints:
         """(starts, 3) place, tick and cell of every start of an episode, also in unseen places."""
         return np.column_stack(np.nonzero(self.is_start))
 
-    @cached_property
+    @read_only_property
     def has_start(self) -> Bools:
         """(J,) whether an episode may start in a place."""
         return np.asarray(self.is_start.any(axis=(1, 2)))

@@ -21,7 +21,7 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from envs.arrays import Bools, Codes, Floats, Indices, Ints
+from envs.arrays import Bools, Codes, Floats, Indices, Ints, read_only, read_only_property
 from envs.layout import NEW_PLACE, NEW_WAY, SEEN, random_orders, shown_cells
 from envs.people import BoundedFeedback, Onlookers, OwnFeedback, Ping
 from envs.regions import ISSUER, TARGET, UNCOMFORTABLE, ZONES
@@ -133,7 +133,7 @@ class Model:
         """J; the states of a place are contiguous, and an episode never leaves them."""
         return len(self.scenario.layout.standing)
 
-    @cached_property
+    @read_only_property
     def fresh_state(self) -> Ints:
         """(F,) the states with no wrong PING and no feedback to come, no walls; in S1 the cells."""
         block = len(self.position) * self.scenario.ping_limit * (1 + self.scenario.is_delayed)
@@ -147,17 +147,17 @@ class Model:
         first = place * n_ticks + int(np.argmax(self.scenario.layout.ticks == phase))
         return np.arange(parts[-1]) + first * math.prod(parts)
 
-    @cached_property
+    @property
     def position(self) -> Ints:
         """(C, 2) row and column of each cell."""
         return self.scenario.grid.position
 
-    @cached_property
+    @read_only_property
     def is_over(self) -> Bools:
         """(S,) whether no action changes anything: a person was run into, or the cell is a wall."""
         return np.asarray(self.event[:, PING] == NONE)
 
-    @cached_property
+    @read_only_property
     def is_wrong_ping(self) -> Bools:
         """(S, A) whether the action is a disagreement: a PING outside the target region."""
         return np.isin(self.event, [WRONG_PING, LAST_WRONG_PING])
@@ -177,7 +177,7 @@ def kept_with_model(
     def derived(model: Model, /, *args: P.args, **kwargs: P.kwargs) -> T:
         key = derive, args, tuple(sorted(kwargs.items()))
         if key not in model.derived:
-            model.derived[key] = derive(model, *args, **kwargs)
+            model.derived[key] = read_only(derive(model, *args, **kwargs))
         kept: T = model.derived[key]
         return kept
 
@@ -244,10 +244,7 @@ def _compile(scenario: Scenario, *_: Callable[[Ping], Any]) -> Model:
         components=components,
         **arrays,
     )
-    for value in vars(model).values():
-        if isinstance(value, np.ndarray):
-            value.flags.writeable = False
-    return model
+    return read_only(model)
 
 
 _compile_large = lru_cache(maxsize=2)(_compile.__wrapped__)  # each takes up to a gigabyte

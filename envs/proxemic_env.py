@@ -7,6 +7,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium import spaces
+from gymnasium.error import ResetNeeded
 
 from envs import render
 from envs.arrays import Bytes, Singles
@@ -89,9 +90,9 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
 
     ## Episode End
     Terminates when the agent reaches a person, PINGs in the target region, or makes its fifth wrong
-    PING (`ping_limit`). The registered ids truncate an episode after 200 steps;
-    `max_episode_steps=-1` lifts the limit, in `gymnasium.make` and in `gymnasium.make_vec`.
-    `ProxemicEnv(...)` has no limit.
+    PING (`ping_limit`). The registered ids truncate an episode after 200 steps, also one that
+    terminates with its 200th step; `max_episode_steps=-1` lifts the limit, in `gymnasium.make` and
+    in `gymnasium.make_vec`. `ProxemicEnv(...)` has no limit.
 
     ## Information
     `event`, what the action led to, an index into `envs.EVENTS`; `zone`, where the agent is, an
@@ -139,13 +140,24 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         self.observation_space = observation_space(table, observation)  # type: ignore[assignment]
         self.action_space = spaces.Discrete(len(ACTIONS))  # type: ignore[assignment]
         self._table = table  # (O, ...)
-        self.s = self.model.start  # the hidden state; it may be set
+        self._s, self._needs_reset = self.model.start, True
         self._event = 0
+
+    @property
+    def s(self) -> int:
+        """The hidden state; an episode goes on wherever it is set."""
+        return self._s
+
+    @s.setter
+    def s(self, state: int) -> None:
+        self._s, self._needs_reset = state, False
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Moves the agent to the start, one of the starts if there are several."""
+        """Moves the agent to the start, one of the starts if there are several; has no options."""
+        if options:
+            raise InputError(f"options = {shortened(repr(options))}; accepted: none.")
         super().reset(seed=seed, options=options)
         starts = self.model.starts
         self.s = int(starts[int(self.np_random.random() * len(starts)) if len(starts) > 1 else 0])
@@ -153,8 +165,15 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         return self._observe(), _info(self._event, self.model.zone.item(self.s), 0, 0.0, 0.0, False)
 
     def step(self, action: int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Takes an action from 0 to 4, else an InputError; the class describes the result."""
+        """Takes an action from 0 to 4, else an InputError; the class describes the result.
+
+        Raises a ResetNeeded before the first reset, and after an episode has terminated.
+        """
+        if self._needs_reset:
+            raise ResetNeeded("No episode has begun, or it has terminated: call reset first.")
         try:
+            if getattr(action, "shape", ()) != ():
+                raise TypeError("it is no single number")
             index = range(len(ACTIONS)).index(operator.index(action))
         except (TypeError, ValueError) as error:
             accepted = f"0 to {len(ACTIONS) - 1}"
@@ -170,12 +189,13 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         if model.n_outcomes > 1:
             chances = model.probability[at][:-1].cumsum()
             outcome = int(np.searchsorted(chances, self.np_random.random(), side="right"))
-        self.s = model.next_state.item(*at, outcome)
+        self._s, terminated = model.next_state.item(*at, outcome), model.terminated.item(at)
+        self._needs_reset = terminated
         self._event = model.event.item(at)
         zone, wrong_pings = model.zone.item(self.s), model.wrong_pings.item(at)
         is_success = self._event == TARGET_PING
         info = _info(self._event, zone, wrong_pings, grid_reward, issuer_reward, is_success)
-        return self._observe(), grid_reward + issuer_reward, model.terminated.item(at), False, info
+        return self._observe(), grid_reward + issuer_reward, terminated, False, info
 
     def render(self) -> Any:
         """Returns the scene as a string (`ansi`) or an (H, W, 3) uint8 image (`rgb_array`)."""

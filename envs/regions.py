@@ -4,14 +4,13 @@ The C cells are numbered `row * columns + column`. A region holds every cell who
 its shape.
 """
 
-from functools import cached_property
 from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import Field, ValidationError, WrapValidator, model_validator
 from pydantic import ValidatorFunctionWrapHandler as Handler
 
-from envs.arrays import Bools, Codes, Floats, Ints
+from envs.arrays import Bools, Codes, Floats, Ints, read_only_property
 from envs.inputs import InputError, Table, require
 
 ZONES = ("outside", "target", "uncomfortable", "issuer")  # ordered by nearness
@@ -85,12 +84,12 @@ class Grid(Table):
         """Rows and columns."""
         return self.rows, self.columns
 
-    @cached_property
+    @read_only_property
     def position(self) -> Ints:
         """(C, 2) row and column of each cell."""
         return np.stack(np.divmod(np.arange(self.rows * self.columns), self.columns), axis=1)
 
-    @cached_property
+    @read_only_property
     def is_wall(self) -> Bools:
         """(C,) which cells are walls."""
         signs = "".join(self.walls.split()) or "." * (self.rows * self.columns)

@@ -17,6 +17,7 @@ from typing import Annotated, Any, Literal, Self, get_args
 from pydantic import Field, model_validator
 
 from envs import inputs
+from envs.arrays import read_only
 from envs.inputs import Count, Name, Table, require
 from envs.layout import Layout, draw_onlookers, draw_places, resolve, timeline, walkers
 from envs.people import (
@@ -94,14 +95,15 @@ class Scenario(Table):
     def layout(self) -> Layout:
         """Where people stand and episodes start, in the places that are drawn."""
         layout = draw_places(self._every_way, self.issuer.places, self.issuer.unseen, self.draw)
-        return draw_onlookers(layout, self.onlookers, self.draw) if self.onlookers else layout
+        drawn = draw_onlookers(layout, self.onlookers, self.draw) if self.onlookers else layout
+        return read_only(drawn)
 
     @cached_property
     def _every_way(self) -> Layout:
         # Scenarios that differ only in what is drawn or observed share it.
         issuer = self.issuer.model_copy(update={"places": None, "unseen": 0, "permuted": 0.0})
         tables = self.group, self.regions, self.others, self.phases, self.first_phase
-        return resolve(self.grid, issuer, *tables)
+        return read_only(resolve(self.grid, issuer, *tables))
 
     def people_in(self, place: int, phase: int) -> tuple[Person, ...]:
         """Returns the issuer with its group, and the others, in a place and phase."""

@@ -6,10 +6,14 @@ import warnings
 from typing import Any
 
 import gymnasium
+import numpy as np
 import pytest
+import torch
+from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
 from envs import OBSERVATIONS, InputError, ProxemicEnv, scenario_names
+from envs.model import PING
 from tests.envs import Changes
 from tests.support import few_places
 
@@ -73,7 +77,21 @@ def test_wrong_arguments_are_refused(arguments: Changes, expected: str) -> None:
         ProxemicEnv(**arguments)
 
 
-@pytest.mark.parametrize("action", [-1, 5, 2.0, None])
+@pytest.mark.parametrize("action", [-1, 5, 2.0, None, [2], np.array([2]), torch.tensor([2])])
 def test_wrong_action_is_refused(action: Any) -> None:
+    env: Any = ProxemicEnv()
+    env.reset()
     with pytest.raises(InputError, match="accepted: 0 to 4"):
-        ProxemicEnv().step(action)
+        env.step(action)
+    assert env.step(torch.tensor(2))[0] == env.step(np.int32(2))[0] == 0
+
+
+def test_an_episode_begins_with_reset_or_where_the_state_is_set() -> None:
+    env = ProxemicEnv(overrides={"ping_limit": 1})
+    with pytest.raises(InputError, match=r"options = .*3}; accepted: none\."):
+        env.reset(options={"start": 3})
+    for begin in (lambda: env.reset(options={}), lambda: setattr(env, "s", 5)):
+        with pytest.raises(ResetNeeded, match="call reset first"):
+            env.step(PING)
+        begin()
+        assert env.step(PING)[2]

@@ -1,12 +1,20 @@
 """The compiled model against the paper's text, every state and action."""
 
 import pickle
+from collections.abc import Iterator
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+from agents.process import process_of
 from envs import Model, Scenario, compile_scenario, load_scenario
 from envs.model import _compile
+from envs.scene import scene_of
+from envs.tiles import tiles_of
+from tests.support import few_places
 
 
 @pytest.mark.parametrize(
@@ -77,3 +85,31 @@ def test_compiling_in_chunks_makes_no_difference(monkeypatch: pytest.MonkeyPatch
         large = compile_scenario(scenario)
         assert compile_scenario(scenario) is large
         assert_same_arrays(large, whole)
+
+
+def arrays_of(value: Any, seen: set[int]) -> Iterator[NDArray[Any]]:
+    """Yields all arrays that can be reached from a model, those kept with it included."""
+    if id(value) in seen or isinstance(value, str):
+        return
+    seen.add(id(value))
+    if isinstance(value, np.ndarray):
+        yield value
+        return
+    within: list[Any] = [*value.values()] if isinstance(value, dict) else []
+    if isinstance(value, tuple | list):
+        within = [*value]
+    elif type(value).__module__.startswith("envs."):
+        of_class = [item for cls in type(value).__mro__ for item in vars(cls).items()]
+        kept = [name for name, item in of_class if isinstance(item, cached_property)]
+        within = [getattr(value, name) for name in {*vars(value), *kept}]
+    for each in within:
+        yield from arrays_of(each, seen)
+
+
+@pytest.mark.parametrize("name", ["S1", "Moody", "TwoStrangers", "TwoTalking"])
+def test_nobody_can_change_a_model_that_others_share(name: str) -> None:
+    model = compile_scenario(load_scenario(name, few_places(name)))
+    tiles_of(model, 2, 3), scene_of(model), process_of(model)
+    arrays = [*arrays_of(model, set())]
+    assert len(arrays) > 40
+    assert not any(array.flags.writeable for array in arrays)
