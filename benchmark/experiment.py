@@ -190,7 +190,12 @@ class Condition:
 
 
 def _merged(tables: Iterable[Mapping[str, object]]) -> dict[str, object]:
-    return {key: value for table in tables for key, value in table.items()}
+    merged = dict[str, object]()
+    for table in tables:
+        for key in table:
+            merged.pop(key, None)  # a later value comes later, so `a = {}` undoes an earlier `a.b`
+        merged |= table
+    return merged
 
 
 class Declaration(Table):

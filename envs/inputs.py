@@ -159,7 +159,7 @@ def check_file_name(path: Path, what: str) -> None:
 def read_toml(path: Path) -> dict[str, Any]:
     """Reads a TOML file; one that cannot be read raises an InputError."""
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        data = tomllib.loads(path.read_text(encoding="utf-8-sig"))
         json.dumps(data, default=str)  # as `parse` does
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}.") from error
