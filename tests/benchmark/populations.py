@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from agents.policy import ALL_ACTIONS
 from benchmark.experiment import load_experiment
 from benchmark.records import Records
+from benchmark.study import Data, Functions
 from envs import load_scenario
 from envs.observations import compile_seen
 from envs.scenario import ScenarioLike
@@ -46,3 +47,10 @@ def population(
     }
     agents = [{name: values[i] for name, values in (blank | arrays).items()} for i in range(n)]
     return Records([run.with_seed(i) for i in range(n)], agents, [{}] * n)
+
+
+def with_tables(data: Data, functions: Functions) -> Data:
+    """Returns data with the tables that a study makes of them."""
+    for name, function in functions.items():
+        data.tables[name] = function(data)
+    return data

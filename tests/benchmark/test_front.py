@@ -8,6 +8,7 @@ import pytest
 
 from benchmark import front
 from benchmark.experiment import PUBLISHED
+from benchmark.experiments import compare_deep
 from benchmark.folder import (
     MANIFEST,
     MEANINGS,
@@ -91,6 +92,8 @@ def test_numbers_are_those_of_the_tables(copied: Path) -> None:
     ((_, row),) = [(x, y) for x, y in zip(before, after, strict=True) if x != y]
     assert row.startswith("| SB3's PPO, tuned | ")
     assert row.split(" | ")[1] == "0.12"
+    text = compare_deep.finding(Folder(copied / "compare_deep").tables())
+    assert "and its PPO, a stochastic policy, 0.12, " in " ".join(text.split())
 
 
 def test_what_is_not_there_is_left_out(copied: Path) -> None:

