@@ -22,6 +22,7 @@ from benchmark.experiment import load_experiment
 from benchmark.study import Data
 from envs import InputError
 from envs.proxemic_env import ProxemicEnv
+from tests.benchmark.populations import with_tables
 from tests.support import ROOT, small_experiment, variant
 
 STEPS = (0, 100, 200, 400)
@@ -67,11 +68,7 @@ def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Data:
     others = data_of(tmp_path / "other.toml", PUBLISHED, "linear_q_lambda", "coordinates")
     monkeypatch.setattr(suite, "published", lambda: others)
     data = data_of(tmp_path / "mine.toml", OWN, "q_learning", "index")
-    for name, function in suite.TABLES.items():
-        table = function(data)
-        assert table is not None
-        data.tables[name] = table
-    return data
+    return with_tables(data, suite.TABLES)
 
 
 def test_summary_has_medians_and_shares_of_runs(data: Data) -> None:
