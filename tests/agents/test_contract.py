@@ -3,26 +3,19 @@
 from dataclasses import fields, replace
 from typing import Any
 
-import numpy as np
 import pytest
+from numpy.random import SeedSequence
 from numpy.typing import NDArray
 
 from agents import Schedule, Training, check_training, load_algorithm
+from agents.tabular.learner import Q_LEARNING, Settings
 from envs import InputError, ProxemicEnv
 
 MODEL = ProxemicEnv().model  # 120 observations, 5 actions
 SCHEDULE = Schedule(30, (0, 10, 30), (0, 30))
-TRAINING = Training(
-    greedy=np.ones((2, 3, 120), dtype=np.uint8),
-    q=np.zeros((2, 120, 5)),
-    stochastic=np.empty((2, 0, 120, 5)),
-    values=np.zeros((2, 2, 120, 5), dtype=np.float32),
-    disagreements=np.zeros((2, 3), dtype=np.int64),
-    cpu_time_s=np.zeros((2, 3)),
-    updates=np.zeros(2, dtype=np.int64),
-    parameters=np.zeros(2, dtype=np.int64),
-    diverged_at=np.full(2, -1),
-)
+SETTINGS = Settings(budget=30)
+SEEDS = [SeedSequence(0), SeedSequence(1)]
+TRAINING = Q_LEARNING.train(MODEL, SETTINGS, "index", SEEDS, SCHEDULE)
 
 
 @pytest.mark.parametrize(
@@ -44,6 +37,7 @@ def test_wrong_names_get_a_sentence(name: str, expected: str) -> None:
 
 @pytest.mark.parametrize("name", [field.name for field in fields(Training)])
 def test_fields_of_other_shapes_are_refused(name: str) -> None:
+    check_training(TRAINING, MODEL, 2, SCHEDULE)
     array: NDArray[Any] = getattr(TRAINING, name)
     for wrong in (array[:1], array[..., :1][..., None]):
         with pytest.raises(ValueError, match=f"{name}: shape .* accepted: "):

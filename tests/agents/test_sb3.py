@@ -49,13 +49,6 @@ CHANGING: Changes = {
 }
 
 
-def vec_env(
-    n: int, scenario: str = "S1", observation: str = "coordinates", limit: int = 7, **overrides: Any
-) -> SB3VecEnv:
-    model = compile_scenario(load_scenario(scenario, overrides))
-    return SB3VecEnv(model, observation, n, limit)
-
-
 # The adapter
 
 
@@ -72,7 +65,8 @@ def vec_env(
 def test_vec_env_steps_as_stable_baselines3s_own_does(
     scenario: str, n: int, overrides: Changes, observation: str
 ) -> None:
-    ours: Any = vec_env(n, scenario, observation, **overrides)
+    model = compile_scenario(load_scenario(scenario, overrides))
+    ours: Any = SB3VecEnv(model, observation, n, 7)
     arguments: Any = {"observation": observation, "overrides": overrides, "max_episode_steps": 7}
     theirs: Any = DummyVecEnv(
         [lambda: gymnasium.make(f"envs:Proxemic/{scenario}-v0", **arguments)] * n
@@ -151,12 +145,6 @@ def test_a_rollout_whose_length_is_not_set_divides_the_budget(
 
 # Features extractors
 
-EXTRACTORS: Any = {
-    "planes": PlanesExtractor,
-    "coordinates": PeopleExtractor,
-    "relative_coordinates": PeopleExtractor,
-}
-
 
 @pytest.mark.parametrize(
     ("changes", "observation", "arguments", "expected"),
@@ -187,31 +175,31 @@ def test_what_is_not_made_of_people_is_refused(
 
 
 @pytest.mark.parametrize(
-    ("name", "observation"),
+    ("name", "observation", "extractor", "arguments"),
     [
-        ("sb3_dqn", "relative_coordinates"),
-        ("sb3_ppo", "coordinates"),
-        ("sb3_dqn", "planes"),
-        ("stable_baselines3:A2C", "planes"),
+        ("sb3_dqn", "relative_coordinates", PeopleExtractor, {"sees_agent": False}),
+        ("sb3_ppo", "coordinates", PeopleExtractor, {}),
+        ("sb3_dqn", "planes", PlanesExtractor, {}),
+        ("stable_baselines3:A2C", "planes", PlanesExtractor, {}),
     ],
 )
-def test_agents_learn_with_features_extractors(name: str, observation: str) -> None:
+def test_agents_learn_with_features_extractors(
+    name: str, observation: str, extractor: type, arguments: Changes
+) -> None:
     algorithm: Any = load_algorithm(name)
-    scenario, kept = load_scenario("Anywhere", {"issuer.places": 5}), list[Any]()
-    model = compile_seen(scenario, observation)
-    policy: Changes = {
-        "features_extractor_class": f"agents.sb3.extractors:{EXTRACTORS[observation].__name__}"
+    model = compile_seen(load_scenario("Anywhere", {"issuer.places": 5}), observation)
+    policy = {
+        "features_extractor_class": f"agents.sb3.extractors:{extractor.__name__}",
+        "features_extractor_kwargs": arguments,
     }
-    if observation == "relative_coordinates":
-        policy["features_extractor_kwargs"] = {"sees_agent": False}
     settings = parse(algorithm.settings, {"budget": 400, "policy_kwargs": policy}, "mine.toml")
     settings = pickle.loads(pickle.dumps(settings))  # as for another process
+    kept = list[Any]()
     schedule = Schedule(400, (0, 200, 400), keep=kept.append)
     training = algorithm.train(model, settings, observation, [SeedSequence(1)], schedule)
     check_training(training, model, 1, schedule)
     (agent,) = kept
-    nets = [type(module) for module in agent.policy.modules()]
-    assert EXTRACTORS[observation] in nets
+    assert extractor in [type(module) for module in agent.policy.modules()]
 
 
 # Training

@@ -178,10 +178,8 @@ def assert_follows_the_tables(scenario: Scenario, tables: Tables, n_steps: int) 
         return int(np.ravel_multi_index((*rest, row * tables["grid"]["columns"] + column), shape))
 
     def scaled(cell: Any) -> list[float]:
-        return [
-            cell[0] / max(tables["grid"]["rows"] - 1, 1),
-            cell[1] / max(tables["grid"]["columns"] - 1, 1),
-        ]
+        sizes = tables["grid"]["rows"], tables["grid"]["columns"]
+        return [n / max(size - 1, 1) for n, size in zip(cell, sizes, strict=True)]
 
     assert model.starts.tolist() == [index(state) for state in reference.starts]
     some = 60 if scenario.name == "drawn" else MAX_STATES
