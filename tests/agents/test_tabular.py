@@ -7,8 +7,7 @@ import pytest
 
 from agents import load_algorithm
 from agents.process import draw_word
-from envs import InputError, compile_scenario, load_scenario
-from envs.inputs import parse
+from envs import compile_scenario, load_scenario
 from tests.agents import Changes
 from tests.agents.words import equal_to_textbook, xoshiro
 
@@ -72,24 +71,3 @@ def test_kernel_equals_the_textbooks_loop(rule: str, case: str) -> None:
     training = equal_to_textbook(rule, model, settings, "index", points)
     assert (training.q[0] != training.q[1]).any()
     assert training.episodes_ended.min() > 5
-
-
-@pytest.mark.parametrize(
-    ("name", "change", "expected"),
-    [
-        ("q_learning", {"epsilon": 0, "budget_unit": "episodes"}, "epsilon = 0"),
-        ("q_learning", {"trace_decay": 0.5}, "unknown key trace_decay"),
-        (
-            "watkins_q_lambda",
-            {"backward_passes": 2},
-            "backward_passes = 2 needs time_limit <= 10,000,000",
-        ),
-        ("linear_q_lambda", {"tile_width": 0}, "tile_width = 0"),
-    ],
-)
-def test_wrong_settings_get_one_sentence(name: str, change: Changes, expected: str) -> None:
-    with pytest.raises(InputError) as caught:
-        parse(load_algorithm(name).settings, change, "mine.toml")
-    (line,) = caught.value.args
-    assert line.startswith("mine.toml: ")
-    assert expected in line

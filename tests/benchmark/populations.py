@@ -33,8 +33,14 @@ def population(
     """
     described, maps = load_scenario(scenario), map_every or every
     settings = RUN.settings.model_copy(update={"budget": budget, "record_every": budget // 60})
-    run = replace(RUN, scenario=described, observation=observation, settings=settings)
-    run = replace(run, evaluation_every=every, map_every=maps)
+    run = replace(
+        RUN,
+        scenario=described,
+        observation=observation,
+        settings=settings,
+        evaluation_every=every,
+        map_every=maps,
+    )
     points, table = budget // every + 1, (compile_seen(described, observation).n_observations, 5)
     fields = ("grid_return", "scenario_return", "success", "steps", "wrong_pings", "disagreements")
     blank: dict[str, NDArray[Any]] = {

@@ -83,12 +83,8 @@ def made(
 
 
 def contrasts(data: Data) -> pd.DataFrame:
-    """Computes the table of contrasts; texts read it as it is in a file, without empty columns."""
-    table = comparison.contrasts(data)
-    assert table is not None
-    empty = [name for name in table if (table[name] == "").all()]
-    data.tables["contrasts"] = table.drop(columns=empty)
-    return table
+    """Computes the table of contrasts."""
+    return with_tables(data, {"contrasts": comparison.contrasts}).tables["contrasts"]
 
 
 def only(data: Data) -> dict[str, Any]:
@@ -147,10 +143,8 @@ def test_verdicts_follow_the_declared_rule(
 def test_a_learner_that_never_trained_wins_nothing_by_score(tmp_path: Path) -> None:
     """It gives up at once, which scores more than y, which fails at a cost."""
     scores = {"x": np.full(100, 0.43), "y": np.full(100, 0.1)}
-    row = only(made(tmp_path, {"x": share(0), "y": share(0)}, [XY], scores))
-    assert row["score_p_different"] < 0.001
-    assert (row["success_verdict"], row["score_verdict"]) == (comparison.NEITHER,) * 2
     row = only(made(tmp_path, {"x": share(0), "y": share(0.5)}, [XY], scores))
+    assert row["score_p_different"] < 0.001
     assert (row["success_verdict"], row["score_verdict"]) == ("worse", comparison.UNEARNED)
 
 
@@ -167,13 +161,6 @@ def test_a_learner_that_is_good_untrained_wins_nothing(tmp_path: Path) -> None:
     learners, margins = {"x": share(0.15), "y": share(0)}, {"success": 0.2}  # more than learned
     row = only(made(tmp_path, learners, [XY], margins=margins))
     assert (row["learned_x"], row["success_verdict"]) == (True, "slightly better")
-
-
-def test_the_random_policy_is_beaten_by_an_exact_binomial_test(tmp_path: Path) -> None:
-    row = only(made(tmp_path, {"x": share(0.4, 20), "y": share(0.05, 20)}, [XY]))
-    for side, count in (("x", 8), ("y", 1)):
-        expected = stats.binomtest(count, 20, RANDOM, alternative="greater").pvalue
-        assert row[f"p_random_{side}"] == pytest.approx(min(expected, 1.0), rel=1e-6)
 
 
 @pytest.mark.parametrize(

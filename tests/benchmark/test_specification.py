@@ -43,12 +43,6 @@ def test_random_streams_follow_from_names() -> None:
     assert run.seed_sequence.generate_state(4).tolist() == expected.tolist()
 
 
-def test_a_file_about_a_run_is_named_after_its_condition() -> None:
-    assert RUN.folder == "reproduce/S1/q_learning_index/seed_0"
-    other = replace(RUN, condition="two/places 4")
-    assert other.folder == "reproduce/S1/q_learning_index/two/places 4/seed_0"
-
-
 def test_values_are_recorded_unless_only_curves_are() -> None:
     run = replace(RUN, settings=RUN.settings.model_copy(update={"budget": 500}))
     assert run.schedule.evaluation_steps == (0, 250, 500)

@@ -28,6 +28,7 @@ from tests.envs.reference import Reference, Tables
 
 MAX_STATES = 600  # of a shipped scenario that a test compares: all of S1 to S3
 REWARDS = read_toml(SCENARIO_DIRECTORY / "S1.toml")["rewards"] | {"wrong_ping_uncomfortable": -0.6}
+FACTS = "grid_reward", "issuer_noise", "terminated", "event", "wrong_pings"
 heading = st.sampled_from(["up", "down", "left", "right"])
 feedback = st.one_of(
     st.fixed_dictionaries({"kind": st.sampled_from(["none", "distance", "delayed"])}),
@@ -199,16 +200,12 @@ def assert_follows_the_tables(scenario: Scenario, tables: Tables, n_steps: int) 
             else:
                 states, facts = reference.step((j, tick, bool(late), pings, agent), action)
                 expected = {index(state): p for state, p in states.items()}
-            found[[*expected]] -= [*expected.values()]
+            found[[*expected]] -= np.array([*expected.values()])
             assert np.abs(found).max() < 1e-12
-            reward, mean, noise, *others = facts
-            assert (model.grid_reward[at, action], model.issuer_noise[at, action]) == (
-                reward,
-                noise,
-            )
+            reward, mean, noise, ends, event, after = facts
             assert abs(model.issuer_reward[at, action] - mean) < 1e-12
-            event = EVENTS[model.event[at, action]]
-            assert [model.terminated[at, action], event, model.wrong_pings[at, action]] == others
+            found_facts = [getattr(model, name)[at, action] for name in FACTS]
+            assert found_facts == [reward, noise, ends, EVENTS.index(event), after]
 
         # What is observed: value, number of values, columns of the one-hot block, its width, and
         # coordinates

@@ -64,10 +64,8 @@ def test_onlookers_change_nothing_but_what_is_seen(more: Changes) -> None:
     """In each place, the model is that without onlookers."""
     crowd, alone = model_of(CROWD | {"onlookers": {"people": 3, "ways": 8} | more}), model_of(ROOM)
     block = 12 * alone.scenario.ping_limit
-    of_place = {
-        tuple(cells): place for place, cells in enumerate(alone.scenario.layout.ways.tolist())
-    }
-    place_of = [of_place[tuple(cells)] for cells in crowd.scenario.layout.ways.tolist()]
+    crowded, places = (model.scenario.layout.ways.tolist() for model in (crowd, alone))
+    place_of = [places.index(way) for way in crowded]
     for name in ARRAYS:
         theirs = getattr(alone, name).reshape(7, block, -1)[place_of]
         assert (getattr(crowd, name).reshape(theirs.shape) == theirs).all(), name
