@@ -1,4 +1,4 @@
-"""The kernel against the textbook's loop with the same draws; its settings and results."""
+"""The kernel against the textbook's loop with the same draws."""
 
 from typing import Any
 
