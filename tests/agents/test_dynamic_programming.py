@@ -93,18 +93,6 @@ def backward(model: Model, policy: Floats, horizon: int) -> Floats:
     return np.asarray(totals[:, model.starts].mean(axis=1))
 
 
-def check(model: Model, policy: Floats, horizon: int) -> None:
-    result = evaluate(model, policy, horizon)
-    sums = [
-        result.grid_return,
-        result.scenario_return,
-        result.success,
-        result.steps,
-        result.wrong_pings,
-    ]
-    assert [*sums, *result.zone_steps] == pytest.approx(backward(model, policy, horizon), abs=1e-9)
-
-
 CIRCLE = {"kind": "circle", "radius": 1}
 ROOM: Changes = {
     "grid.rows": 4, "grid.columns": 5, "grid.start": "anywhere", "ping_limit": 2,
@@ -126,4 +114,7 @@ TALKING = {"group": {"people": 3, "apart": [2, 3]}, "regions.target": {"kind": "
 )
 def test_evaluation_of_groups_equals_backward_sweep(scene: Changes, form: str) -> None:
     model = compile_seen(load_scenario("S1", ROOM | scene), form)
-    check(model, np.random.default_rng(1).dirichlet(np.ones(5), model.n_observations), 25)
+    policy = np.random.default_rng(1).dirichlet(np.ones(5), model.n_observations)
+    found = evaluate(model, policy, 25)
+    sums = [found.grid_return, found.scenario_return, found.success, found.steps, found.wrong_pings]
+    assert [*sums, *found.zone_steps] == pytest.approx(backward(model, policy, 25), abs=1e-9)

@@ -4,17 +4,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.random import SeedSequence
 
-from agents import Schedule, load_algorithm
+from agents import load_algorithm
 from envs import Model, load_scenario
 from envs.observations import compile_seen
 from envs.tiles import tiles_of
 from tests.agents import Changes
 from tests.agents.test_tabular import MOVES
-from tests.agents.words import textbook
-
-POINTS = (0, 1, 700, 2000)
+from tests.agents.words import equal_to_textbook
 
 
 def model_of(scenario: str, observation: str, **overrides: Any) -> Model:
@@ -25,24 +22,24 @@ CROWD: Changes = {"grid.rows": 5, "grid.columns": 6, "issuer.places": 3, "onlook
 
 
 @pytest.mark.parametrize(
-    ("scenario", "observation", "overrides", "shape", "width", "shift"),
+    ("scenario", "observation", "shape"),
     [
         # S1 shows the agent's cell alone. The first tiling has its edges before rows 4 and 8. The
         # second is displaced by 1 and 3 halves of a width, that is, modulo a width, by 2 cells
         # along both, so its edges are before rows and columns 2, 6 and 10.
-        ("S1", "coordinates", {}, (10, 12), 4, 2),
-        ("Anywhere", "offset_coordinates", {}, (19, 23), 4, 2),  # with cells on both sides
+        ("S1", "coordinates", (10, 12)),
+        ("Anywhere", "offset_coordinates", (19, 23)),  # with cells on both sides
     ],
 )
 def test_tiles_of_two_tilings_by_hand(
-    scenario: str, observation: str, overrides: Any, shape: tuple[int, int], width: int, shift: int
+    scenario: str, observation: str, shape: tuple[int, int]
 ) -> None:
-    tiles = tiles_of(model_of(scenario, observation, **overrides), 2, 4).tiles.reshape(*shape, 2)
+    tiles = tiles_of(model_of(scenario, observation), 2, 4).tiles.reshape(*shape, 2)
     rows, columns = np.indices(shape)
-    per_row, per_shifted = -(-shape[1] // width), -(-(shape[1] + shift) // width)
-    first = rows // width * per_row + columns // width
+    per_row, per_shifted = -(-shape[1] // 4), -(-(shape[1] + 2) // 4)
+    first = rows // 4 * per_row + columns // 4
     assert (tiles[..., 0] == first).all()
-    second = (rows + shift) // width * per_shifted + (columns + shift) // width
+    second = (rows + 2) // 4 * per_shifted + (columns + 2) // 4
     assert (tiles[..., 1] == first.max() + 1 + second).all()
 
 
@@ -85,14 +82,9 @@ def test_tiles_of_two_tilings_by_hand(
 def test_kernel_equals_a_loop_in_plain_python(
     name: str, scenario: str, overrides: Changes, changes: Changes
 ) -> None:
-    model, algorithm = model_of(scenario, "coordinates", **overrides), load_algorithm(name)
-    settings: Any = algorithm.settings(budget=2000, time_limit=50, **changes)
-    seeds = [SeedSequence([7, i]) for i in range(2)]
-    training = algorithm.train(
-        model, settings, "coordinates", seeds, Schedule(2000, POINTS, POINTS[::2])
-    )
+    model = model_of(scenario, "coordinates", **overrides)
+    settings: Any = load_algorithm(name).settings(budget=2000, time_limit=50, **changes)
     features = tiles_of(model, settings.n_tilings, settings.tile_width, settings.parts)
     tiles = features.tiles[features.rows].reshape(model.n_observations, -1)
     assert settings.tile_width > 1 or (tiles[:, 0] == np.arange(model.n_observations)).all()
-    for key, expected in textbook(name, model, settings, seeds[1], POINTS, tiles).items():
-        assert np.array_equal(getattr(training, key)[1], np.asarray(expected)), key
+    equal_to_textbook(name, model, settings, "coordinates", (0, 1, 700, 2000), tiles)

@@ -19,12 +19,11 @@ from numpy.typing import NDArray
 from scipy.stats import kstest
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
-from agents import Schedule
+from agents import Schedule, load_algorithm
 from agents.dynamic_programming import evaluate
 from agents.linear.learner import Q_LAMBDA, LinearSettings
 from agents.nets import arithmetic
 from agents.nets.dqn import DqnAgent, DqnNetSettings
-from agents.nets.learner import NetAlgorithm
 from agents.nets.ppo import PpoAgent, PpoNetSettings
 from agents.people import PEOPLE_EXTRACTOR
 from agents.policy import mask_policy
@@ -95,7 +94,6 @@ SETTINGS: Changes = {
         n_envs=2, n_steps=20, batch_size=20, n_epochs=10, gae_lambda=0.75, **SHARED
     ),
 }
-OBSERVATIONS = ["one_hot", "coordinates", "factored", "tiles", "centred"]
 N_AGENTS = 3
 
 
@@ -117,17 +115,13 @@ def trained(
 ) -> Any:
     settings = settings_of(name, **changes)
     schedule = Schedule(settings.budget, points, points[::2])
-    algorithm = NetAlgorithm(AGENTS[name], type(settings))
-    return algorithm.train(model, settings, observation, sequences(seeds), schedule)
+    return load_algorithm(name).train(model, settings, observation, sequences(seeds), schedule)
 
 
-def agent_of(
-    name: str, observation: str, model: Model, kind: Any, seed: int = 0, **changes: Any
-) -> Any:
+def agent_of(name: str, observation: str, model: Model, settings: Any, kind: Any) -> Any:
     """Returns an agent that is not trained yet."""
-    points = np.zeros(0, np.int64)
-    (sequence,) = sequences([seed])
-    return AGENTS[name](model, settings_of(name, **changes), observation, points, sequence, kind)
+    points, (sequence,) = np.zeros(0, np.int64), sequences([0])
+    return AGENTS[name](model, settings, observation, points, sequence, kind)
 
 
 # Equal to Stable-Baselines3. An agent of its own makes the same run with the random numbers of
@@ -178,13 +172,13 @@ class ExactVecEnv(SB3VecEnv):
         return observations, rewards.astype(np.float64), dones, infos
 
 
-def stock_agent(
-    name: str, settings: Any, observation: str, model: Model, seed: int
-) -> tuple[Any, Chance]:
-    """Returns Stable-Baselines3's agent, computing in float64, and the random numbers of ours."""
+def agents_of(name: str, observation: str, scene: str, settings: Any) -> tuple[Any, Any, Chance]:
+    """Returns ours and Stable-Baselines3's, both in float64, and the random numbers of ours."""
+    model = SCENES[scene]
+    ours = agent_of(name, observation, model, settings, np.float64)
     method = algorithms.DQN if name == "compiled_dqn" else algorithms.PPO
     vec_env: Any = ExactVecEnv(model, observation, settings.n_envs, settings.time_limit)
-    vec_env._generator = chance = Chance(sequences([seed])[0], vec_env)
+    vec_env._generator = chance = Chance(sequences([0])[0], vec_env)
     stock: Any = make_agent(method.load(), settings, vec_env)
     stock.policy.double()
     for module in stock.policy.modules():
@@ -202,7 +196,7 @@ def stock_agent(
     buffer.reset = reset_in_float64
     if name == "compiled_dqn":
         buffer.rewards = buffer.rewards.astype(np.float64)
-    return stock, chance
+    return ours, stock, chance
 
 
 def linear_layers(
@@ -224,55 +218,49 @@ def check_weights(parts: list[torch.Tensor], values: list[NDArray[Any]]) -> None
         assert np.linalg.norm(value.T - theirs) <= 1e-8 * np.linalg.norm(theirs)
 
 
-def in_turn(*cases: tuple[str, Changes]) -> list[tuple[str, str, Changes]]:
-    """Gives the cases the forms of observation by turns."""
-    return [(OBSERVATIONS[i % len(OBSERVATIONS)], *case) for i, case in enumerate(cases)]
-
-
 # Whatever it computes in, Stable-Baselines3 rounds discounts to float32. Those here stay the same.
-DQN_CASES: list[tuple[str, Changes]] = [
-    ("S1", {}),
-    ("S1", {"learning_rate": 1e-2, "gamma": 0.625, "policy_kwargs": {"net_arch": ()},
-            "learning_starts": 173, "train_freq": 4, "gradient_steps": 3}),
-    ("S1", {"buffer_size": 150, "batch_size": 50, "policy_kwargs": {"net_arch": (128, 128)},
-            "exploration_initial_eps": 0.9, "exploration_final_eps": 0.2,
-            "exploration_fraction": 0.3}),
-    ("S1", {"n_steps": 4, "n_envs": 2, "max_grad_norm": 0.01, "time_limit": None, "train_freq": 5,
-            "gradient_steps": -1, "buffer_size": 203,
-            "policy_kwargs": {"optimizer_kwargs": {"eps": 1e-3}}}),
+DQN_CASES: list[tuple[str, str, Changes]] = [
+    ("one_hot", "S1", {}),
+    ("coordinates", "S1", {
+        "learning_rate": 1e-2, "gamma": 0.625, "policy_kwargs": {"net_arch": ()},
+        "learning_starts": 173, "train_freq": 4, "gradient_steps": 3,
+    }),
+    ("factored", "S1", {
+        "buffer_size": 150, "batch_size": 50, "policy_kwargs": {"net_arch": (128, 128)},
+        "exploration_initial_eps": 0.9, "exploration_final_eps": 0.2, "exploration_fraction": 0.3,
+    }),
+    ("tiles", "S1", {
+        "n_steps": 4, "n_envs": 2, "max_grad_norm": 0.01, "time_limit": None, "train_freq": 5,
+        "gradient_steps": -1, "buffer_size": 203,
+        "policy_kwargs": {"optimizer_kwargs": {"eps": 1e-3}},
+    }),
     # More envs than rows of a mini-batch, and a single row of the buffer; the first step is greedy.
-    ("S1", {"n_envs": 40, "batch_size": 8, "buffer_size": 20, "tau": 0.0, "train_freq": 1,
-            "gradient_steps": 20, "learning_starts": 0}),
-    ("noisy moods", {"n_envs": 3, "n_steps": 3, "gamma": 0.5, "time_limit": 11,
-                     "gradient_steps": 3}),
-    ("anywhere", {"tau": 0.3, "target_update_interval": 7, "batch_size": 90}),
+    ("centred", "S1", {
+        "n_envs": 40, "batch_size": 8, "buffer_size": 20, "tau": 0.0, "train_freq": 1,
+        "gradient_steps": 20, "learning_starts": 0,
+    }),
+    ("one_hot", "noisy moods", {
+        "n_envs": 3, "n_steps": 3, "gamma": 0.5, "time_limit": 11, "gradient_steps": 3,
+    }),
+    ("coordinates", "anywhere", {"tau": 0.3, "target_update_interval": 7, "batch_size": 90}),
+    ("coordinates", "badges", {"policy_kwargs": {
+        "features_extractor_class": PEOPLE_EXTRACTOR,
+        "features_extractor_kwargs": {"per_person": 3, "width": 24},
+    }}),
+    ("relative_centred", "relative badges", {"policy_kwargs": {
+        "features_extractor_class": PEOPLE_EXTRACTOR,
+        "features_extractor_kwargs": {"per_person": 3, "marks_first": False, "sees_agent": False},
+    }}),
 ]  # fmt: skip
 
 
-def of_people(**arguments: Any) -> Changes:
-    arguments |= {"per_person": 3}
-    names = "features_extractor_class", "features_extractor_kwargs"
-    return {"policy_kwargs": dict(zip(names, (PEOPLE_EXTRACTOR, arguments), strict=True))}
-
-
-PEOPLE_CASES = [
-    ("coordinates", "badges", of_people(width=24)),
-    ("relative_centred", "relative badges", of_people(marks_first=False, sees_agent=False)),
-]
-
-
 @pytest.mark.filterwarnings("ignore:The number of environments used")
-@pytest.mark.parametrize(
-    ("observation", "scene", "changes"), [*in_turn(*DQN_CASES), *PEOPLE_CASES], ids=str
-)
+@pytest.mark.parametrize(("observation", "scene", "changes"), DQN_CASES, ids=str)
 def test_dqn_is_stable_baselines3s(
     observation: str, scene: str, changes: Changes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    model = SCENES[scene]
-    changes = {"budget": 600} | changes
-    settings = settings_of("compiled_dqn", **changes)
-    ours = agent_of("compiled_dqn", observation, model, np.float64, **changes)
-    stock, chance = stock_agent("compiled_dqn", settings, observation, model, seed=0)
+    settings = settings_of("compiled_dqn", budget=600, **changes)
+    ours, stock, chance = agents_of("compiled_dqn", observation, scene, settings)
     for net in (stock.q_net, stock.q_net_target):
         linear_layers(net, values=ours.weights())
     ours.advance(600)
@@ -312,28 +300,33 @@ def test_dqn_is_stable_baselines3s(
     check_weights(linear_layers(stock.q_net), ours.weights())
 
 
-PPO_CASES: list[tuple[str, Changes]] = [
-    ("S1", {}),
-    ("S1", {"batch_size": 40, "ent_coef": 0.05, "n_epochs": 20,
-            "policy_kwargs": {"net_arch": (128, 128)}}),
-    ("S1", {"batch_size": 17, "gae_lambda": 0.5, "vf_coef": 1.5, "normalize_advantage": False,
-            "max_grad_norm": 0.05, "time_limit": 7,
-            "policy_kwargs": {"optimizer_kwargs": {"eps": 1e-2}}}),
-    ("S1", {"n_envs": 1, "n_steps": 40, "batch_size": 39, "time_limit": None, "clip_range": 0.02}),
-    ("moods", {"target_kl": 0.004, "learning_rate": 3e-3, "n_envs": 4, "n_steps": 5,
-               "time_limit": 7}),
-    ("anywhere", {"clip_range_vf": 0.05, "n_envs": 5, "n_steps": 8, "time_limit": 7}),
+PPO_CASES: list[tuple[str, str, Changes]] = [
+    ("one_hot", "S1", {}),
+    ("coordinates", "S1", {
+        "batch_size": 40, "ent_coef": 0.05, "n_epochs": 20,
+        "policy_kwargs": {"net_arch": (128, 128)},
+    }),
+    ("factored", "S1", {
+        "batch_size": 17, "gae_lambda": 0.5, "vf_coef": 1.5, "normalize_advantage": False,
+        "max_grad_norm": 0.05, "time_limit": 7,
+        "policy_kwargs": {"optimizer_kwargs": {"eps": 1e-2}},
+    }),
+    ("tiles", "S1", {
+        "n_envs": 1, "n_steps": 40, "batch_size": 39, "time_limit": None, "clip_range": 0.02,
+    }),
+    ("centred", "moods", {
+        "target_kl": 0.004, "learning_rate": 3e-3, "n_envs": 4, "n_steps": 5, "time_limit": 7,
+    }),
+    ("one_hot", "anywhere", {"clip_range_vf": 0.05, "n_envs": 5, "n_steps": 8, "time_limit": 7}),
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("observation", "scene", "changes"), in_turn(*PPO_CASES), ids=str)
+@pytest.mark.parametrize(("observation", "scene", "changes"), PPO_CASES, ids=str)
 def test_ppo_is_stable_baselines3s(
     observation: str, scene: str, changes: Changes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    model = SCENES[scene]
     settings = settings_of("compiled_ppo", **changes)
-    ours = agent_of("compiled_ppo", observation, model, np.float64, **changes)
-    stock, chance = stock_agent("compiled_ppo", settings, observation, model, seed=0)
+    ours, stock, chance = agents_of("compiled_ppo", observation, scene, settings)
     policy, extractor = stock.policy, stock.policy.mlp_extractor
     nets = extractor.policy_net, policy.action_net, extractor.value_net, policy.value_net
     linear_layers(*nets, values=ours.weights())
@@ -370,8 +363,11 @@ def test_ppo_is_stable_baselines3s(
 
 def test_first_weights_are_those_of_pytorch() -> None:
     """Of DQN uniform, bounded by 1 / sqrt(inputs); of PPO orthogonal, with SB3's gains."""
-    net: Changes = {"policy_kwargs": {"net_arch": (64, 48)}}
-    dqn, ppo = (agent_of(name, "one_hot", S1, np.float32, **net).weights() for name in AGENTS)
+    net = {"net_arch": (64, 48)}
+    dqn, ppo = (
+        agent_of(name, "one_hot", S1, settings_of(name, policy_kwargs=net), np.float32).weights()
+        for name in AGENTS
+    )
     for weights, biases in zip(dqn[::2], dqn[1::2], strict=True):
         bound = 1 / np.sqrt(len(weights))
         values = np.append(weights, biases)
@@ -501,10 +497,10 @@ tanh = numba.njit(lambda numbers: arithmetic.tanh(numbers))
 
 
 def test_functions_are_those_of_analysis() -> None:
-    x = np.concatenate([np.linspace(-708, 708, 100_001), np.linspace(-1, 1, 100_001)])
+    x = np.append(np.linspace(-708, 708, 100_001), np.linspace(-1, 1, 100_001))
     exact = np.exp(x.astype(np.longdouble))
     assert np.abs(each(x, arithmetic.exp) / exact - 1).max() < 3e-16
-    x = np.concatenate([np.exp(np.linspace(-700, 700, 100_001)), np.linspace(0.5, 2, 100_001)])
+    x = np.append(np.exp(np.linspace(-700, 700, 100_001)), np.linspace(0.5, 2, 100_001))
     exact = np.log(x.astype(np.longdouble))
     assert (np.abs(each(x, arithmetic.log) - exact) <= 3e-16 * np.abs(exact) + 1e-16).all()
     x = np.linspace(-12, 12, 100_001).astype(np.float32)

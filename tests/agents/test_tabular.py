@@ -1,17 +1,15 @@
-"""The kernel against the textbook's loop with the same draws; its settings and results."""
+"""The kernel against the textbook's loop with the same draws."""
 
 from typing import Any
 
 import numpy as np
 import pytest
-from numpy.random import SeedSequence
 
-from agents import Schedule, load_algorithm
+from agents import load_algorithm
 from agents.process import draw_word
-from envs import InputError, compile_scenario, load_scenario
-from envs.inputs import parse
+from envs import compile_scenario, load_scenario
 from tests.agents import Changes
-from tests.agents.words import textbook, xoshiro
+from tests.agents.words import equal_to_textbook, xoshiro
 
 
 def test_generator_gives_the_published_numbers() -> None:
@@ -66,36 +64,10 @@ CASES: dict[str, tuple[str, Changes, Changes]] = {
 )
 def test_kernel_equals_the_textbooks_loop(rule: str, case: str) -> None:
     name, overrides, changes = CASES[case]
-    algorithm = load_algorithm(rule)
-    settings: Any = algorithm.settings(**({"budget": 2000, "record_every": 3} | changes))
-    points = [0, 1, settings.budget // 3, settings.budget]
-    seeds = [SeedSequence([11, i]) for i in range(2)]
+    declared: Changes = {"budget": 2000, "record_every": 3} | changes
+    settings: Any = load_algorithm(rule).settings(**declared)
+    points = 0, 1, settings.budget // 3, settings.budget
     model = compile_scenario(load_scenario(name, overrides))
-    schedule = Schedule(settings.budget, tuple(points), tuple(points[::2]))
-    training: Any = algorithm.train(model, settings, "index", seeds, schedule)
-    # The agent is trained together with another one, and its table is read at two of the points.
-    for key, values in textbook(rule, model, settings, seeds[1], points).items():
-        assert np.array_equal(getattr(training, key)[1], np.asarray(values)), key
+    training = equal_to_textbook(rule, model, settings, "index", points)
     assert (training.q[0] != training.q[1]).any()
     assert training.episodes_ended.min() > 5
-
-
-@pytest.mark.parametrize(
-    ("name", "change", "expected"),
-    [
-        ("q_learning", {"epsilon": 0, "budget_unit": "episodes"}, "epsilon = 0"),
-        ("q_learning", {"trace_decay": 0.5}, "unknown key trace_decay"),
-        (
-            "watkins_q_lambda",
-            {"backward_passes": 2},
-            "backward_passes = 2 needs time_limit <= 10,000,000",
-        ),
-        ("linear_q_lambda", {"tile_width": 0}, "tile_width = 0"),
-    ],
-)
-def test_wrong_settings_get_one_sentence(name: str, change: Changes, expected: str) -> None:
-    with pytest.raises(InputError) as caught:
-        parse(load_algorithm(name).settings, change, "mine.toml")
-    (line,) = caught.value.args
-    assert line.startswith("mine.toml: ")
-    assert expected in line

@@ -1,11 +1,13 @@
 """Learning in plain Python: the words of a stream, what they decide, and the loop of textbooks."""
 
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.random import SeedSequence
 
+from agents import Schedule, load_algorithm
 from agents.tabular.kernel import MIN_TRACE
 from envs import Model
 from envs.arrays import Floats, Indices
@@ -187,33 +189,40 @@ def textbook(
       What `Training`, or without tiles `TabularTraining`, has of an agent.
     """
     agent = Textbook(name, model, settings, seed, tiles)
-    record: Changes = {
-        "greedy": [],
-        "values": [],
-        "disagreements": [],
-        "max_q": [],
-        "table_max_q": [],
-    }
+    record = defaultdict[str, list[Any]](list)
     for unit in range(settings.budget + 1):
         if unit in points:
-            record["greedy"].append(
-                [sum(2**action for action in agent.best(row)) for row in agent.table()]
-            )
+            table = agent.table()
+            record["greedy"].append([sum(2**a for a in agent.best(row)) for row in table])
             record["disagreements"].append(agent.wrong)
-            record["values"].append(agent.table().astype(np.float32))
+            record["values"].append(table.astype(np.float32))
         # largest values met in a unit of the budget, and those of the table then
         visited, largest = [], []
         is_over = unit == settings.budget
         while not is_over:
             visited.append(agent.values(int(model.observation[agent.state])).max())
-            if tiles is None:
-                largest.append(agent.weights.mean(axis=0).max())
+            largest.append(agent.weights.mean(axis=0).max())
             is_over = agent.step() or getattr(settings, "budget_unit", "steps") == "steps"
         if tiles is None and visited and unit % settings.record_every == 0:
             record["max_q"].append(max(visited))
             record["table_max_q"].append(max(largest))
-    if tiles is None:
-        record |= {"steps_taken": agent.steps, "episodes_ended": agent.episodes}
-    else:
-        del record["max_q"], record["table_max_q"]
-    return record | {"q": agent.table(), "values": record["values"][::2]}
+    found = record | {"q": agent.table(), "values": record["values"][::2]}
+    counts = {"steps_taken": agent.steps, "episodes_ended": agent.episodes}
+    return found | counts if tiles is None else found
+
+
+def equal_to_textbook(
+    name: str,
+    model: Model,
+    settings: Any,
+    observation: str,
+    points: tuple[int, ...],
+    tiles: Indices | None = None,
+) -> Any:
+    """Trains two agents together, compares the second with the textbook's, and returns both."""
+    seeds = [SeedSequence([11, i]) for i in range(2)]
+    schedule = Schedule(settings.budget, points, points[::2])
+    training = load_algorithm(name).train(model, settings, observation, seeds, schedule)
+    for key, expected in textbook(name, model, settings, seeds[1], points, tiles).items():
+        assert np.array_equal(getattr(training, key)[1], np.asarray(expected)), key
+    return training

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from agents.policy import ALL_ACTIONS
 from benchmark.experiment import load_experiment
 from benchmark.records import Records
+from benchmark.study import Data, Functions
 from envs import load_scenario
 from envs.observations import compile_seen
 from envs.scenario import ScenarioLike
@@ -32,8 +33,14 @@ def population(
     """
     described, maps = load_scenario(scenario), map_every or every
     settings = RUN.settings.model_copy(update={"budget": budget, "record_every": budget // 60})
-    run = replace(RUN, scenario=described, observation=observation, settings=settings)
-    run = replace(run, evaluation_every=every, map_every=maps)
+    run = replace(
+        RUN,
+        scenario=described,
+        observation=observation,
+        settings=settings,
+        evaluation_every=every,
+        map_every=maps,
+    )
     points, table = budget // every + 1, (compile_seen(described, observation).n_observations, 5)
     fields = ("grid_return", "scenario_return", "success", "steps", "wrong_pings", "disagreements")
     blank: dict[str, NDArray[Any]] = {
@@ -46,3 +53,10 @@ def population(
     }
     agents = [{name: values[i] for name, values in (blank | arrays).items()} for i in range(n)]
     return Records([run.with_seed(i) for i in range(n)], agents, [{}] * n)
+
+
+def with_tables(data: Data, functions: Functions) -> Data:
+    """Returns data with the tables that a study makes of them."""
+    for name, function in functions.items():
+        data.tables[name] = function(data)
+    return data

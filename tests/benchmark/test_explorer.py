@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmark.experiment import Experiment, load_experiment
+from benchmark.experiment import Experiment
 from benchmark.page import explorer
 from benchmark.page.explorer import MAX_MASKS
 from benchmark.records import Records
@@ -18,6 +18,7 @@ from benchmark.tables import AGENTS
 from envs import ACTIONS, load_scenario
 from envs.observations import compile_seen
 from tests.benchmark.populations import population
+from tests.support import made as loaded
 from tests.support import small_experiment, variant
 
 UP, RIGHT, PING = (1 << ACTIONS.index(name) for name in ("UP", "RIGHT", "PING"))
@@ -28,8 +29,7 @@ def experiment(folder: Path, *scenarios: str, **observations: list[str]) -> Expe
     table = {"scenarios": [*scenarios], "evaluation_every": 50, "map_every": 100}
     learners = {name: variant("q_learning", *forms) for name, forms in observations.items()}
     table |= {"settings": {"budget": 300, "record_every": 5}, "algorithms": learners}
-    (folder / "mine.toml").write_text(small_experiment(**table), encoding="utf-8")
-    return load_experiment(folder / "mine.toml")
+    return loaded(folder / "mine.toml", small_experiment(**table))
 
 
 def made(runs: list[RunSpecification]) -> Records:
@@ -42,14 +42,18 @@ def made(runs: list[RunSpecification]) -> Records:
     greedy[0, 6, 13] = UP | PING
     greedy[:, 1::2] = PING
     success = np.tile(np.arange(n)[:, None] / n, 7)
-    arrays: dict[str, Any] = {"values": values, "greedy": greedy, "success": success}
-    shape: dict[str, Any] = {
-        "budget": 300,
-        "every": 50,
-        "map_every": 100,
-        "observation": runs[0].observation,
-    }
-    return replace(population(runs[0].scenario, n, **shape, **arrays), runs=runs)
+    records = population(
+        runs[0].scenario,
+        n,
+        budget=300,
+        every=50,
+        map_every=100,
+        observation=runs[0].observation,
+        values=values,
+        greedy=greedy,
+        success=success,
+    )
+    return replace(records, runs=runs)
 
 
 @pytest.fixture(autouse=True)

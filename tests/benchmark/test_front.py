@@ -4,10 +4,12 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import pytest
 
 from benchmark import front
 from benchmark.experiment import PUBLISHED
+from benchmark.experiments import compare_deep
 from benchmark.folder import (
     MANIFEST,
     MEANINGS,
@@ -52,45 +54,42 @@ def copied(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def reseal(folder: Path) -> None:
-    """Writes the manifest again, as if the folder's files had been made as they are."""
+def rewrite(folder: Path, name: str, table: pd.DataFrame) -> None:
+    """Writes a table and the manifest again, as if they had been made as they are."""
+    write_text(folder / f"{name}.csv", csv_text(table))
     write_manifest(folder, Folder(folder).manifest)
 
 
 @pytest.mark.parametrize(
-    ("file", "column", "value", "fault"),
+    ("name", "column", "value", "fault"),
     [
-        ("compare_deep/summary.csv", "n", 10, "there are 100 runs"),
-        (
-            "compare_deep/contrasts.csv",
-            "success_verdict",
-            "better",
-            "no net is better than tile coding",
-        ),
-        ("compare_deep/contrasts.csv", "success_margin", 0.5, "the margin is 0.1"),
+        ("summary", "n", 10, "there are 100 runs"),
+        ("contrasts", "success_verdict", "better", "no net is better than tile coding"),
+        ("contrasts", "success_margin", 0.5, "the margin is 0.1"),
     ],
 )
 def test_a_claim_that_tables_do_not_show_is_refused(
-    copied: Path, file: str, column: str, value: Any, fault: str
+    copied: Path, name: str, column: str, value: Any, fault: str
 ) -> None:
-    table = read_csv((copied / file).read_bytes())
+    table = Folder(copied / "compare_deep").tables()[name]
     table[column] = value
-    write_text(copied / file, csv_text(table))
-    reseal(copied / Path(file).parent)
+    rewrite(copied / "compare_deep", name, table)
     with pytest.raises(InputError, match=f"README: the published tables do not show that {fault}"):
         front.readme(copied)
 
 
 def test_numbers_are_those_of_the_tables(copied: Path) -> None:
-    table = read_csv((copied / "compare_deep" / "summary.csv").read_bytes())
+    folder = copied / "compare_deep"
+    table = Folder(folder).tables()["summary"]
     is_shown = (table["learner"] == "sb3_ppo, one_hot") & (table["scenario"] == "S1")
     table.loc[is_shown, "success"] = 0.1234
-    write_text(copied / "compare_deep" / "summary.csv", csv_text(table))
-    reseal(copied / "compare_deep")
+    rewrite(folder, "summary", table)
     before, after = (front.readme(path).splitlines() for path in (RESULTS, copied))
     ((_, row),) = [(x, y) for x, y in zip(before, after, strict=True) if x != y]
     assert row.startswith("| SB3's PPO, tuned | ")
     assert row.split(" | ")[1] == "0.12"
+    text = compare_deep.finding(Folder(folder).tables())
+    assert "and its PPO, a stochastic policy, 0.12, " in " ".join(text.split())
 
 
 def test_what_is_not_there_is_left_out(copied: Path) -> None:

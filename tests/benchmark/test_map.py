@@ -11,10 +11,11 @@ import pytest
 from scipy import stats
 
 from benchmark import map as maps
-from benchmark.experiment import load_experiment
 from benchmark.study import Data
 from envs import InputError
 from envs.inputs import parse
+from tests.benchmark.populations import with_tables
+from tests.support import made as loaded
 
 SHARED, TABLE = "shared, offset", "table, index"
 BUDGET, N = 100_000, 20
@@ -74,9 +75,7 @@ def made(
     change: tuple[str, str] = ("", ""),
 ) -> Data:
     """Returns a map whose runs have these curves in turn, everywhere, with all of its tables."""
-    path = folder / "hand.toml"
-    path.write_text(EXPERIMENT.replace(*change), encoding="utf-8")
-    experiment = load_experiment(path)
+    experiment = loaded(folder / "hand.toml", EXPERIMENT.replace(*change))
     declared = parse(maps.Declared, experiment.declared.report or {}, "hand")
     starts = {start for curve in (*shared, *table) for start in curve}
     ladder = [BUDGET / 1.2**i for i in range(38)]
@@ -97,17 +96,7 @@ def made(
             run |= {"success": success[-1], "unseen_success": has_new, "new_way_success": has_new}
             runs.append(keys | run | {"diverged_at": np.inf})
     data = Data(experiment, declared, pd.DataFrame(runs), pd.concat(curves, ignore_index=True))
-    for name, function in maps.TABLES.items():
-        table_made = function(data)
-        assert table_made is not None
-        data.tables[name] = table_made
-    return data
-
-
-def declared_of(path: Path) -> None:
-    """Reads and checks a map."""
-    experiment = load_experiment(path)
-    maps.check(experiment, parse(maps.Declared, experiment.declared.report or {}, "mine"))
+    return with_tables(data, maps.TABLES)
 
 
 def row_of(data: Data, grid: str = "places") -> "pd.Series[Any]":
@@ -124,6 +113,7 @@ def row_of(data: Data, grid: str = "places") -> "pd.Series[Any]":
         ({1000: 1}, NEVER, "faster", ""),  # the budget counts
         ({1000: 1}, {1050: 1}, "no verdict", maps.SMALL),
         (NEVER, NEVER, maps.NEITHER, ""),
+        (NEVER, {1000: 1, 1500: 0, 2500: 1, 3000: 0}, maps.NEITHER, ""),  # not until 2000
         ({1000: 1}, {1000: 1}, "undecided", ""),
         ({0: 1}, NEVER, "no verdict", maps.UNTRAINED),
         ({BUDGET: 1}, NEVER, "no verdict", maps.AT_LAST),
@@ -149,6 +139,8 @@ def test_verdicts_by_hand(
         f"- shared table of offsets compared with table: {verdict} (places: places 4, places 16)"
     )
     assert (named in headline) == (n_decided > 0)
+    took = data.tables["took"]
+    assert (took["wrong_pings"] == took["steps"] / 10).all()
 
 
 def test_one_of_two_that_mostly_fail_learns_more_often(tmp_path: Path) -> None:
@@ -169,6 +161,7 @@ def test_one_of_two_that_mostly_fail_learns_more_often(tmp_path: Path) -> None:
         ((0.35, 0.3502), {1000: 1}, "no verdict", maps.SMALL),
         ((0.8, 0.5), NEVER, "no verdict", maps.NOT_LEARNED),
         ((0.5, 0.5), {1000: 1}, "undecided", ""),
+        ((0.8, 0.5), {0: 1}, "no verdict", maps.UNTRAINED),
     ],
 )
 def test_failures_in_unseen_places(
@@ -181,36 +174,15 @@ def test_failures_in_unseen_places(
         assert data.tables["contrasts"][f"{unit}_verdict"].notna().sum() == 1
 
 
-def test_a_net_that_knows_all_untrained_does_not_fail_less(tmp_path: Path) -> None:
-    row = row_of(made(tmp_path, [{0: 1}], [{9000: 1}], unseen=(0.8, 0.5)), "new")
-    assert (row["unseen_verdict"], row["unseen_why"]) == ("no verdict", maps.UNTRAINED)
-
-
-def test_texts_name_what_else_differs_and_who_is_given_up(tmp_path: Path) -> None:
-    change = '"offset"]', '"offset"]\nsettings = { time_limit = 9 }'
-    data = made(tmp_path, [{1000: 1}], [{9000: 1}], change=change)
-    assert "time limit 9 against 60" in row_of(data)["differs"]
-    assert "given up" not in maps.headline(data)
-    data = made(tmp_path, [NEVER], [NEVER], change=("growth", "given_up_after = 0.6, growth"))
-    for text in (maps.headline(data), maps.reading(data)):
-        assert "by 60 % of the budget is given up" in " ".join(text.split())
-
-
 def test_pairs_are_runs_of_the_same_seed(tmp_path: Path) -> None:
     """Twelve runs of a net meet the first twelve of tile coding, in whatever order."""
-    change = f'index"], seeds = {N}', 'index"], seeds = 12'
+    change = f'index"], seeds = {N}', 'index"], settings.time_limit = 9, seeds = 12'
     curves: list[Curve] = [*([{1000.0: 1.0}] * 12), NEVER]
     data = made(tmp_path, curves, [{9000: 1}], change=change)
-    assert row_of(data)[["n", "steps_wins", "learned_x", "learned_y"]].tolist() == [12, 1, 12, 12]
-
-
-@pytest.mark.parametrize(("budget", "steps"), [(800, 800), (200, 200), (400, np.inf)])
-def test_a_run_has_learned_if_success_stays_to_its_end(budget: int, steps: float) -> None:
-    curves = pd.DataFrame({"step": [0, 100, 200, 400, 800], "success": [0.0, 0.0, 1.0, 0.0, 1.0]})
-    curves = curves.assign(seed=0, training_wrong_pings=curves["step"] / 10)
-    found = maps.until_learned(curves[curves["step"] <= budget], 0.9)
-    assert (*found["steps"], *found["wrong_pings"]) == (steps, steps / 10)
-    assert found["at_last"].tolist() == [steps == budget]
+    row = row_of(data)
+    assert row[["n", "steps_wins", "learned_x", "learned_y"]].tolist() == [12, 1, 12, 12]
+    differs = "time limit 60 against 9; input one-hot offsets against one-hot cells"
+    assert row["differs"] == differs
 
 
 def pair(x: Any, y: Any, before: float = 0.99) -> maps.Pair:
@@ -242,22 +214,21 @@ def test_steps_down_by_hand() -> None:
     assert first["steps_wins_low"] < 0.5 < first["steps_wins"]
 
 
-def test_a_small_probability_has_no_verdict() -> None:
-    for n_lost, verdict in (
-        (82, "no verdict"),
-        (79, "faster"),
-    ):  # of 200, of which 41 % is too near
-        table = decided(pair(np.where(np.arange(200) < n_lost, 200.0, 50.0), np.full(200, 100.0)))
-        assert table["steps_verdict"].tolist() == [verdict]
-        assert (table["steps_why"] == maps.SMALL).tolist() == [verdict == "no verdict"]
-
-
 @pytest.mark.parametrize(
-    ("before", "y", "why"),
-    [(0.5, 60.0, maps.COARSE), (0.9, 60.0, ""), (0.5, 110.0, "")],  # 110 / 2 is after 50
+    ("n_lost", "n", "y", "before", "why"),
+    [
+        (82, 200, 100.0, 0.99, maps.SMALL),  # 41 % is too near one half
+        (79, 200, 100.0, 0.99, ""),
+        (0, 20, 60.0, 0.5, maps.COARSE),
+        (0, 20, 60.0, 0.9, ""),
+        (0, 20, 110.0, 0.5, ""),  # 110 / 2 is after 50
+    ],
 )
-def test_evaluations_that_are_too_far_apart(before: float, y: float, why: str) -> None:
-    table = decided(pair(np.full(20, 50.0), np.full(20, y), before))
+def test_small_probabilities_and_coarse_evaluations_have_no_verdict(
+    n_lost: int, n: int, y: float, before: float, why: str
+) -> None:
+    x = np.where(np.arange(n) < n_lost, 200.0, 50.0)
+    table = decided(pair(x, np.full(n, y), before))
     assert table["steps_why"].tolist() == [why]
     assert table["steps_verdict"].tolist() == ["no verdict" if why else "faster"]
 
@@ -296,6 +267,11 @@ def axes_of(figure: str, data: Data) -> list[Any]:
     return [*drawn.axes]
 
 
+def dots_of(axis: Any) -> list[Any]:
+    """Returns what is drawn with a mark, and not without a point."""
+    return [line for line in axis.lines if line.get_marker() != "None" and line.get_xdata().size]
+
+
 def test_rungs_by_hand(tmp_path: Path) -> None:
     """A row for each net of a rung and point; the last one is chance."""
     table = made(tmp_path, [{7000: 1}], [NEVER], unseen=(0.75, 0.5)).tables["rungs"]
@@ -319,27 +295,17 @@ def test_nets_that_run_at_some_points_only(tmp_path: Path) -> None:
     table = data.tables["rungs"]
     assert table["net"].tolist() == ["none", "none", "DQN", "PPO", "none", ""]
     for axis in axes_of("ladder", data)[:3]:
-        dots = [line.get_ydata().tolist() for line in axis.lines if line.get_marker() != "None"]
-        assert [dot for dot in dots if dot] == [[900], [7000], [7000]]
+        assert [float(*dot.get_ydata()) for dot in dots_of(axis)] == [900, 7000, 7000]
 
 
 def test_figures_by_hand(tmp_path: Path) -> None:
     data = made(tmp_path, [{7000: 1}], [NEVER], unseen=(0.75, 0.5))
     axes = axes_of("ladder", data)
-    assert [axis.get_title(loc="left") for axis in axes[:3]] == [
-        "4 places",
-        "16 places",
-        "8 places",
-    ]
     for axis, expected in ((axes[2], [1.6 * BUDGET, 7000, 7000]), (axes[5], [0.5, 0.75, 0.75])):
-        dots = [
-            line for line in axis.lines if line.get_marker() != "None" and line.get_xdata().size
-        ]
-        assert [float(*line.get_ydata()) for line in dots if line.get_mfc() != "white"] == expected
-        hollow = [float(*line.get_xdata()) for line in dots if line.get_mfc() == "white"]
+        dots = dots_of(axis)
+        assert [float(*dot.get_ydata()) for dot in dots if dot.get_mfc() != "white"] == expected
+        hollow = [float(*dot.get_xdata()) for dot in dots if dot.get_mfc() == "white"]
         assert hollow == ([-0.13] if axis is axes[2] else [])
-    titles = [label.get_text() for label in axes[3].get_xticklabels()]
-    assert titles == ["cells", "offsets"]
     top, _ = axes_of("along", data)
     assert [label.get_text() for label in top.get_xticklabels()] == ["4", "16"]
     lines = [line.get_ydata().tolist() for line in top.lines if len(line.get_ydata()) == 2]
@@ -367,8 +333,8 @@ def test_figures_by_hand(tmp_path: Path) -> None:
 )
 def test_mistakes_are_named(old: str, new: str, message: str, tmp_path: Path) -> None:
     assert old in EXPERIMENT
-    path = tmp_path / "mine.toml"
-    path.write_text(EXPERIMENT.replace(old, new, 1), encoding="utf-8")
+    experiment = loaded(tmp_path / "mine.toml", EXPERIMENT.replace(old, new, 1))
+    report = experiment.declared.report or {}
     with pytest.raises(InputError, match=re.escape(message)) as refused:
-        declared_of(path)
+        maps.check(experiment, parse(maps.Declared, report, "mine"))
     assert len(refused.value.args) == 1

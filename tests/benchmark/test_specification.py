@@ -4,7 +4,6 @@ import hashlib
 import json
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ import pytest
 from benchmark.experiment import load_experiment
 from benchmark.specification import evaluation_steps, solved
 from envs import load_scenario
-from tests.support import made, small_experiment, variant
 
 RUN = load_experiment("reproduce").populations[0].first  # of Q-learning in S1
 
@@ -43,12 +41,6 @@ def test_random_streams_follow_from_names() -> None:
     expected = np.random.SeedSequence(entropy).generate_state(4)
     run = replace(RUN.with_seed(3), scenario=load_scenario("S1", {"rewards.other": -0.2}))
     assert run.seed_sequence.generate_state(4).tolist() == expected.tolist()
-
-
-def test_a_file_about_a_run_is_named_after_its_condition() -> None:
-    assert RUN.folder == "reproduce/S1/q_learning_index/seed_0"
-    other = replace(RUN, condition="two/places 4")
-    assert other.folder == "reproduce/S1/q_learning_index/two/places 4/seed_0"
 
 
 def test_values_are_recorded_unless_only_curves_are() -> None:
@@ -85,14 +77,3 @@ def test_a_run_has_learned_if_it_stays_until_twice_as_many_steps() -> None:
                 break
         else:
             assert (found, is_final) == (len(steps), False)
-
-
-def test_a_users_module_is_part_of_the_identity(tmp_path: Path) -> None:
-    text = "from agents import load_algorithm\nMINE = load_algorithm('q_learning')\n"
-    (tmp_path / "module_of_a_user.py").write_text(text)
-    text = small_experiment(algorithms={"mine": variant("module_of_a_user:MINE")})
-    run = made(tmp_path / "own.toml", text).populations[0].first
-    code = json.loads(run.content)["code"]
-    assert [*code] == ["module_of_a_user"]
-    assert len(code["module_of_a_user"]) == 64
-    assert "code" not in json.loads(RUN.content)

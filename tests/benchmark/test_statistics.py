@@ -1,8 +1,6 @@
 """Intervals and contrasts: by hand, against SciPy, and how often they are wrong in simulation."""
 
 from collections.abc import Sequence
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
+from benchmark.experiment import load_experiment
 from benchmark.statistics import (
     Means,
     combined,
@@ -21,10 +20,11 @@ from benchmark.statistics import (
     p_half,
     proportion_interval,
     resample,
-    standing_apart,
     student,
     wins,
 )
+
+COMPARED = load_experiment("compare_deep")
 
 
 def test_interval_agrees_with_scipy() -> None:
@@ -134,49 +134,14 @@ def test_tests_and_intervals_never_contradict_each_other(
 
 
 @pytest.mark.parametrize(
-    ("x", "y", "verdict", "expected"),
-    [
-        ((1.0, 0.85, 0.85), (0.7, 1.0, 1.0), "within margin", ([0, 1, 2], [])),
-        ((0.1, 1.0, 1.0), (0.0, 1.0, 1.0), "within margin", ([0], [])),  # as large as the margin
-        ((1.0, 1.0, 0.7), (0.2, 0.2, 0.9), "better", ([2], [])),
-        ((1.0, 1.0, 0.85), (0.2, 0.2, 0.9), "better", ([], [2])),  # it may be worse there
-        ((1.0, 1.0, 1.0), (0.2, 0.2, 0.9), "better", ([], [])),
-        ((0.2, 0.2, 0.9), (1.0, 1.0, 0.7), "worse", ([2], [])),
-    ],
-)
-def test_scenarios_that_contradict_the_mean_stand_apart(
-    x: Sequence[float], y: Sequence[float], verdict: str, expected: tuple[list[int], list[int]]
-) -> None:
-    sides = Means(x, [100] * 3), Means(y, [100] * 3)
-    assert standing_apart(*sides, 0.1, verdict) == expected
-
-
-def side(**changed: Any) -> Any:
-    """Returns what a population says about its learner; by default a searched net."""
-    settings = {"time_limit": changed.pop("time_limit", 200)}
-    settings["budget"] = changed.pop("budget", 10_000)
-    learner = {"search": "tuning", "observation": "one_hot", "policy": "greedy"} | changed
-    first = SimpleNamespace(settings=SimpleNamespace(**settings))
-    return SimpleNamespace(learner=SimpleNamespace(**learner), first=first)
-
-
-@pytest.mark.parametrize(
     ("x", "y", "expected"),
     [
-        ({}, {"search": ""}, "settings searched (tuning) against declared"),
-        ({}, {"time_limit": None}, "time limit 200 against none"),
-        ({}, {"observation": "coordinates"}, "input one-hot cells against coordinates"),
-        ({}, {"observation": "index"}, ""),  # a table's row for each cell
-        ({"policy": "stochastic"}, {}, "policy stochastic against greedy"),
-        ({"budget": 20_000}, {}, "training steps 20,000 against 10,000"),
-        (
-            {"search": "mine"},
-            {"time_limit": 100},
-            "settings searched (mine) against searched (tuning); time limit 200 against 100",
-        ),
+        ("dqn", "sb3_dqn_default", "settings searched (tuning) against declared"),
+        ("dqn", "dqn, coordinates", "input one-hot cells against coordinates"),
+        ("dqn", "watkins_q_lambda, index", ""),  # a table's row for each cell
+        ("ppo", "dqn", "policy stochastic against greedy"),
     ],
 )
-def test_what_differs_besides_algorithms_is_said(
-    x: dict[str, Any], y: dict[str, Any], expected: str
-) -> None:
-    assert differences(side(**x), side(**y)) == expected
+def test_what_differs_besides_algorithms_is_said(x: str, y: str, expected: str) -> None:
+    of = {each.learner.name.removesuffix(", one_hot"): each for each in COMPARED.populations}
+    assert differences(of[x], of[y]) == expected

@@ -63,14 +63,6 @@ def test_what_cannot_be_searched_is_refused(
         parse(cls, keys, "mine.toml")
 
 
-def test_chosen_settings_are_read_as_they_were_written(tmp_path: Path) -> None:
-    path = tmp_path / "mine.toml"
-    write_choices(path, CHOICES)
-    found = read_chosen(path)
-    assert found.model_copy(update={"sha256": ""}) == CHOICES
-    assert chosen_file(path).name == "mine.chosen.json"
-
-
 @pytest.mark.parametrize(
     ("old", "new", "reason"),
     [

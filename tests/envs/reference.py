@@ -23,7 +23,8 @@ class Reference:
     def __init__(self, tables: Tables, drawn_places: Iterable[Place] = ()) -> None:
         """Reads a scenario's tables; if not all places are drawn, those that are must be given."""
         self.tables, self.grid = tables, tables["grid"]
-        self.width = self.grid.get("metres_per_cell", 1)
+        self.everybody = [tables["issuer"], *tables.get("others", [])]
+        self.others = range(1, len(self.everybody))
         self.zone = cache(self.zone_among_people)
         self.people = cache(self.people_in)
         self.at_start = cache(self.distance_at_start)
@@ -36,10 +37,8 @@ class Reference:
         self.clock = [
             i for i, phase in enumerate(self.phases) for _ in range(phase.get("steps", 1))
         ]
-        feedback = [
-            person.get("feedback") for person in (tables["issuer"], *tables.get("others", []))
-        ]
-        self.is_delayed = any(each["kind"] == "delayed" for each in feedback if each)
+        feedback = [person.get("feedback", {"kind": ""}) for person in self.everybody]
+        self.is_delayed = any(each["kind"] == "delayed" for each in feedback)
         first_ticks = range(len(self.clock)) if tables.get("first_phase") == "any" else [0]
         self.places: list[Place] = []
         self.starts: list[State] = []
@@ -74,26 +73,26 @@ class Reference:
 
     def placed(self) -> list[Place]:
         """Lists all ways for the issuer and its group to stand where nobody else ever does."""
-        others = range(1, 1 + len(self.tables.get("others", [])))
-        taken = {
-            tuple(self.other(i, p)["position"]) for i in others for p in range(len(self.phases))
-        }
+        stages = range(len(self.phases))
+        taken = {tuple(self.other(i, p)["position"]) for i in self.others for p in stages}
         position, group = self.tables["issuer"]["position"], self.tables.get("group")
         cells = [cell for cell in self._cells(position) if cell not in self.walls | taken]
         if group is None:
             return [(cell,) for cell in cells]
-        low, high = group["apart"]
-        unit = self.width if self.tables["regions"].get("unit") == "metres" else 1
+        (low, high), unit = group["apart"], self.unit(self.tables["regions"])
         return [
             place
             for place in combinations(sorted(cells), group["people"])
             if all(low - 1e-9 <= far(a, b) * unit <= high + 1e-9 for a, b in combinations(place, 2))
         ]
 
+    def unit(self, regions: Tables) -> float:
+        """Returns the width of a cell, as regions measure it."""
+        return self.grid.get("metres_per_cell", 1) if regions.get("unit") == "metres" else 1
+
     def _phases(self) -> list[Tables]:
         """Lists the phases; where people walk, their cells and headings until everybody is back."""
-        people = enumerate([self.tables["issuer"], *self.tables.get("others", [])])
-        walkers = {i: person for i, person in people if "walk" in person}
+        walkers = {i: person for i, person in enumerate(self.everybody) if "walk" in person}
         if not walkers:
             return self.tables.get("phases") or [{"name": "always"}]
         routes = {i: route(person) for i, person in walkers.items()}
@@ -102,7 +101,7 @@ class Reference:
         return [{"steps": beat, "at": {i: r[t % len(r)] for i, r in routes.items()}} for t in times]
 
     def other(self, i: int, phase: int) -> Tables:
-        table: Tables = {"heading": "up"} | self.tables["others"][i - 1]
+        table: Tables = {"heading": "up"} | self.everybody[i]
         return table | dict(self.phases[phase].get("at", {}).get(i, {}))
 
     def people_in(self, place: Place, phase: int) -> list[Tables]:
@@ -110,10 +109,7 @@ class Reference:
         now = self.phases[phase] | self.phases[phase].get("at", {}).get(0, {})
         issuer = {"heading": "up"} | self.tables["issuer"] | {"regions": self.tables["regions"]}
         drawn = [issuer | {"position": cell} | now for cell in place]
-        return [
-            *drawn,
-            *(self.other(i, phase) for i in range(1, 1 + len(self.tables.get("others", [])))),
-        ]
+        return [*drawn, *(self.other(i, phase) for i in self.others)]
 
     def zone_among_people(self, place: Place, phase: int, cell: Cell) -> str:
         if cell in self.walls:
@@ -135,8 +131,8 @@ class Reference:
         regions = person.get("regions", {})  # a bystander has none
         for name in ("uncomfortable", "target") if regions else ():
             shape = regions.get(name) or {"kind": "square", "radius": regions[f"{name}_radius"]}
-            width = self.width if regions.get("unit") == "metres" else 1
-            if is_inside(shape, ahead * width, aside * width):
+            unit = self.unit(regions)
+            if is_inside(shape, ahead * unit, aside * unit):
                 return name
         return "outside"
 
@@ -144,11 +140,10 @@ class Reference:
         ring = group[0]["regions"].get("target", {})
         if ring.get("kind") != "ring":
             return "outside"
-        width = self.width if group[0]["regions"].get("unit") == "metres" else 1
         cells = [person["position"] for person in group]
         centre = sum(r for r, _ in cells) / len(cells), sum(c for _, c in cells) / len(cells)
         radius = sum(far(one, centre) for one in cells) / len(cells)
-        beyond = (far(cell, centre) - radius) * width
+        beyond = (far(cell, centre) - radius) * self.unit(group[0]["regions"])
         if abs(beyond) <= ring["width"] / 2 + 1e-9:
             return "target"
         return "uncomfortable" if beyond < 0 else "outside"
@@ -209,11 +204,8 @@ class Reference:
             case "none":
                 return 0.0, 0.0, False
             case "uniform":
-                return (
-                    (feedback["low"] + feedback["high"]) / 2,
-                    (feedback["high"] - feedback["low"]) / 2,
-                    False,
-                )
+                low, high = feedback["low"], feedback["high"]
+                return (low + high) / 2, (high - low) / 2, False
             case "binary":
                 is_right = self.zone(self.places[place], self.clock[tick], cell) == "target"
                 return feedback["high" if is_right else "low"], 0.0, False

@@ -84,12 +84,6 @@ def test_further_encodings_of_a_pair_of_cells_by_hand() -> None:
     assert observation_table(offsets, "offset_centred")[o].tolist() == pytest.approx([-1.5, 1.2])
 
 
-def cells_of(planes: Any) -> list[list[list[int]]]:
-    """Returns the cells in which each of the first four planes has 255; all others have 0."""
-    assert np.isin(planes[:4], (0, 255)).all()
-    return [np.argwhere(plane).tolist() for plane in planes[:4]]
-
-
 @pytest.mark.parametrize("badge", [False, True])
 def test_planes_by_hand(badge: bool) -> None:
     onlookers = {"people": 2, "ways": 40, "badge": badge}
@@ -109,7 +103,8 @@ def test_planes_by_hand(badge: bool) -> None:
             [cell[c] for c in sorted(cells)]
             for cells in ([model.cell[s]], people, others, [1 * 6 + 1])
         ]
-        assert cells_of(planes) == shown
+        assert np.isin(planes[:4], (0, 255)).all()
+        assert [np.argwhere(plane).tolist() for plane in planes[:4]] == shown
         assert (planes[4] == [0, 128, 255][wrong_pings[s]]).all()  # 255 / 2, rounded to even
     assert len(np.unique(table.reshape(len(table), -1), axis=0)) == len(table)
 
@@ -144,7 +139,5 @@ def test_the_guide_has_the_width_of_every_form() -> None:
     widths = dict[str, str]()
     for form in OBSERVATIONS:
         space = ProxemicEnv("Anywhere", form).observation_space
-        widths[form] = (
-            f"{space.n if isinstance(space, spaces.Discrete) else spaces.flatdim(space):,}"
-        )
+        widths[form] = f"{spaces.flatdim(space):,}"
     assert dict(said) == widths

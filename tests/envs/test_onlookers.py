@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from envs import compile_scenario, load_scenario
-from envs.layout import NEW_PLACE, NEW_WAY, SEEN
+from envs.layout import NEW_WAY, SEEN
 from envs.observations import compile_seen, observation_table
 from envs.tiles import Parts, tiles_of
 from tests.envs import Changes
@@ -42,32 +42,21 @@ def test_onlookers_stand_in_the_first_free_cells_of_each_way() -> None:
     layout = model.scenario.layout
     for kind, starts in enumerate((model.starts, model.unseen_starts, model.new_way_starts)):
         assert {*model.context[starts]} == {*np.flatnonzero(layout.novelty == kind)}
-    orders, seen = orders_by_hand(14, 12, "onlookers", 5), 0
+    orders = orders_by_hand(14, 12, "onlookers", 5)
     every = load_scenario("Anywhere", ROOM | {"draw": 5}).layout
     assert len(layout.ways) == 10 + 3 + 4
-    for place in range(7):
+    for place, kind in enumerate(every.novelty.tolist()):
+        person = int(every.ways[place, 0])
         rows = np.flatnonzero((layout.ways == every.ways[place]).all(axis=1))
-        if every.novelty[place] == SEEN:
-            new, rows = int(rows[-1]), rows[:-1]
-            way = 10 + [*np.flatnonzero(every.novelty == SEEN)].index(place)
-            expected = [cell for cell in orders[way] if cell != int(every.ways[place, 0])][:3]
-            assert layout.onlookers[new].tolist() == expected
-            assert layout.novelty[new] == NEW_WAY
-            seen += 1
-        assert (layout.novelty[rows] == every.novelty[place]).all()
+        nth = [*np.flatnonzero(every.novelty == kind)].index(place)
         # Ten ways take turns with four places; unseen places have one of them each, in turn.
-        for n, row in enumerate(rows):
-            person = int(every.ways[place, 0])
-            if every.novelty[place] == SEEN:
-                (nth,) = np.flatnonzero(np.flatnonzero(every.novelty == SEEN) == place)
-                way = (int(nth) + 4 * n) % 10
-            else:
-                (nth,) = np.flatnonzero(np.flatnonzero(every.novelty == NEW_PLACE) == place)
-                way = int(nth) % 10
-            expected = [cell for cell in orders[way] if cell != person][:3]
-            assert layout.onlookers[row].tolist() == expected
-            seen += 1
-    assert seen == len(layout.ways)
+        ways = [(nth + 4 * n) % 10 for n in range(len(rows))]
+        novelty = [kind] * len(rows)
+        if kind == SEEN:
+            ways[-1], novelty[-1] = 10 + nth, NEW_WAY
+        assert layout.novelty[rows].tolist() == novelty
+        firsts = [[cell for cell in orders[way] if cell != person][:3] for way in ways]
+        assert layout.onlookers[rows].tolist() == firsts
 
 
 @pytest.mark.parametrize("more", [{}, {"badge": True}])
@@ -75,10 +64,8 @@ def test_onlookers_change_nothing_but_what_is_seen(more: Changes) -> None:
     """In each place, the model is that without onlookers."""
     crowd, alone = model_of(CROWD | {"onlookers": {"people": 3, "ways": 8} | more}), model_of(ROOM)
     block = 12 * alone.scenario.ping_limit
-    of_place = {
-        tuple(cells): place for place, cells in enumerate(alone.scenario.layout.ways.tolist())
-    }
-    place_of = [of_place[tuple(cells)] for cells in crowd.scenario.layout.ways.tolist()]
+    crowded, places = (model.scenario.layout.ways.tolist() for model in (crowd, alone))
+    place_of = [places.index(way) for way in crowded]
     for name in ARRAYS:
         theirs = getattr(alone, name).reshape(7, block, -1)[place_of]
         assert (getattr(crowd, name).reshape(theirs.shape) == theirs).all(), name
