@@ -2,10 +2,15 @@
 
 import sys
 
-# With `-m`, Python looks for modules in the current folder first. Nothing there may run that is not
-# named, not even in place of what is imported next.
-if sys.argv[:1] == ["-m"] and __file__ != f"{sys.path[0]}/benchmark/__init__.py":
-    del sys.path[: not sys.flags.safe_path]
+if sys.argv[:1] == ["-m"]:  # this process is a command's
+    # Python looks for modules in the current folder first. Nothing there may run that is not named,
+    # not even in place of what is imported next.
+    if __file__ != f"{sys.path[0]}/benchmark/__init__.py":
+        del sys.path[: not sys.flags.safe_path]
+    import signal
+
+    if signal.getsignal(signal.SIGINT) == signal.default_int_handler:  # it would print a traceback
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 from importlib import import_module
 from importlib.util import find_spec

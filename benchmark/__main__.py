@@ -5,11 +5,14 @@ Every command but `list` has a module of its name, whose `main` takes the parsed
 
 import argparse
 import os
+import signal
 import sys
+import traceback
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Any, NoReturn
 
 from benchmark import __version__
@@ -39,13 +42,9 @@ continue with the same command. Exit codes: 0 success, 1 a run failed or a probl
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command; returns the exit code."""
     _open_streams()
-    if arguments is None:  # nothing else uses this process and its children
-        os.environ["MPLBACKEND"] = VARIABLES["MPLBACKEND"]  # a notebook's may not be installed
-        # No child imports what lies in the current folder, and no file there says where numba has
-        # its compiled code.
-        os.environ["PYTHONSAFEPATH"] = "1"
-        os.environ.setdefault("NUMBA_CACHE_DIR", "")
     try:
+        if arguments is None:  # nothing else uses this process and its children
+            _set_process()
         code = _run(_parser().parse_args(arguments))
         sys.stdout.flush()
     except BrokenPipeError:  # the reader of the output, such as `head`, has closed it
@@ -53,6 +52,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     except KeyboardInterrupt:
         print(_INTERRUPTED, file=sys.stderr)
+        if arguments is None:
+            sys.unraisablehook = lambda _: None  # what is only half made may be unable to go
         return 130
     except InputError as error:
         print(*(f"error: {line}" for line in str(error).split("\n")), sep="\n", file=sys.stderr)
@@ -62,7 +63,30 @@ def main(arguments: Sequence[str] | None = None) -> int:
         where = f"{error.filename}: " if error.filename else ""
         print(f"error: {where}{error.strerror or error}.", file=sys.stderr)
         return 2
+    finally:
+        if arguments is None and signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
+            signal.signal(signal.SIGINT, signal.SIG_DFL)  # there is nothing left to interrupt
     return code
+
+
+def _set_process() -> None:
+    """Sets up the process of a command."""
+    os.environ["MPLBACKEND"] = VARIABLES["MPLBACKEND"]  # a notebook's may not be installed
+    # No child imports what lies in the current folder, and no file there says where numba has its
+    # compiled code.
+    os.environ["PYTHONSAFEPATH"] = "1"
+    os.environ.setdefault("NUMBA_CACHE_DIR", "")
+    sys.unraisablehook = _unraisable
+    if signal.getsignal(signal.SIGINT) == signal.SIG_DFL:  # see `benchmark`
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def _unraisable(unraisable: Any) -> None:
+    """Interrupts again if an interrupt came where Python would only print it."""
+    if issubclass(unraisable.exc_type, KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
+    else:
+        sys.__unraisablehook__(unraisable)
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -70,8 +94,21 @@ def _run(options: argparse.Namespace) -> int:
     with contained(), needed_by(f"benchmark {options.command}"):
         if options.command == "list":
             return _list()
-        code: int = import_module(f"benchmark.{options.command}").main(options)
+        code: int = _module_of(options.command).main(options)
         return code
+
+
+def _module_of(command: str) -> ModuleType:
+    """Imports the module of a command; an InputError says which package cannot be imported."""
+    try:
+        with needed_by(f"benchmark {command}"):
+            return import_module(f"benchmark.{command}")
+    except InputError:
+        raise
+    except Exception as error:
+        frame = traceback.extract_tb(error.__traceback__)[-1]
+        what = f"{frame.filename}, line {frame.lineno}: {type(error).__name__}: {error}"
+        raise InputError(f"{what}; accepted: packages that can be imported.") from error
 
 
 def _open_streams() -> None:

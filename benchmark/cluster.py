@@ -46,7 +46,7 @@ class Cluster:
             self.cancel()
             advice = f"dask worker {address} --nthreads 1 starts one"
             raise InputError(f"{where}: there is no worker; {advice}.") from None
-        self.workers = len(self._client.scheduler_info()["workers"])
+        self.workers = max(len(self._client.scheduler_info()["workers"]), 1)  # one may have died
 
     def submit(self, job: Job) -> Future[list[Record]]:
         """Executes a job on some worker."""

@@ -17,6 +17,7 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from io import BytesIO
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 
 import pandas as pd
@@ -102,7 +103,8 @@ def unsealed(text: bytes) -> dict[str, Any]:
 
 def committed(name: str, file: str) -> bytes | None:
     """Returns a file of a folder of results in the last commit; None if there is no such file."""
-    git = ["git", "-C", str(REPOSITORY), "show", f"HEAD:results/{name}/{file}"]
+    path = f"HEAD:results/{name}/{file}"
+    git = ["git", "-c", "safe.directory=*", "-C", str(REPOSITORY), "cat-file", "blob", path]
     try:
         return subprocess.run(git, check=True, capture_output=True).stdout
     except (OSError, subprocess.CalledProcessError):
@@ -194,6 +196,13 @@ def write_text(path: Path, text: str) -> None:
         made = _aside(path)
         made.write_bytes(content)
         made.replace(path)
+
+
+def check_writable(folder: Path) -> None:
+    """Raises an InputError if there is such a folder, and no file can be written there."""
+    if folder.exists():
+        with _unwritable(folder), TemporaryFile(dir=folder):
+            pass
 
 
 @contextmanager

@@ -66,28 +66,47 @@ def versions(algorithm: str) -> dict[str, str]:
 def environment(algorithm: str) -> dict[str, str]:
     """Returns what must be the same on all machines that run an algorithm: versions and code."""
     digest = hashlib.sha256()
-    for path in sorted(path for name in _FOLDERS for path in (_ROOT / name).rglob("*.py")):
+    for path in _sources(_ROOT):
         digest.update(path.read_bytes())
     return versions(algorithm) | {"project code": digest.hexdigest()[:_SHOWN]}
+
+
+def _sources(root: Path) -> list[Path]:
+    return sorted(path for name in _FOLDERS for path in (root / name).rglob("*.py"))
 
 
 def commit(root: Path) -> str | None:
     """Returns the commit of the repository that tracks this code, if one does.
 
     It ends in `-changed` if the code differs. A copy that is installed inside another repository
-    has none.
+    has none. Git only reads objects here, since `git status` runs what a repository's settings say;
+    therefore the repository may be somebody else's.
     """
 
     def git(*arguments: str) -> str:
-        command = ["git", "-C", str(root), *arguments]
-        return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
+        command = ["git", "-c", "safe.directory=*", "-C", str(root), *arguments]
+        only_reads = os.environ | {"GIT_NO_LAZY_FETCH": "1"}
+        done = subprocess.run(command, check=True, capture_output=True, text=True, env=only_reads)
+        return done.stdout.strip()
 
     try:
-        git("ls-files", "--error-unmatch", "--", "benchmark/__init__.py")
         head = git("rev-parse", "--short=12", "HEAD")
-        return head + ("-changed" if git("status", "--porcelain", "--", *_FOLDERS) else "")
+        listed = git("ls-tree", "-r", "HEAD", "--", *_FOLDERS).splitlines()
     except (OSError, subprocess.CalledProcessError):
         return None
+    digests = {path: about.split()[2] for about, path in (line.split("\t") for line in listed)}
+    if "benchmark/__init__.py" not in digests:
+        return None
+    own = {path.relative_to(root).as_posix() for path in _sources(root)}
+    is_same = all(_blob(root / path) == digest for path, digest in digests.items())
+    return head if is_same and own <= digests.keys() else f"{head}-changed"
+
+
+def _blob(path: Path) -> str:
+    """Returns the digest that git gives a file; empty if there is no such file."""
+    content = path.read_bytes() if path.is_file() else b""
+    kind = b"blob %d\0" % len(content)
+    return hashlib.sha1(kind + content, usedforsecurity=False).hexdigest() if path.is_file() else ""
 
 
 def reset_peak_memory() -> None:

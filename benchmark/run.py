@@ -14,6 +14,7 @@ from typing import Any
 from agents import load_algorithm
 from benchmark.executors import EXECUTORS, Executor, usable_cores
 from benchmark.experiment import Experiment, interleaved, load_experiment
+from benchmark.folder import check_writable
 from benchmark.job import Job, failures, plan
 from benchmark.page import explorer
 from benchmark.progress import Display
@@ -37,14 +38,14 @@ def main(options: argparse.Namespace) -> int:
     if options.report or experiment.declared.report is not None:
         study_of(experiment)  # what cannot be reported is refused before any run
     check_scores(population.first for population in experiment.populations)
-    groups = list[Group]()
+    groups, folder = list[Group](), options.results / folder_name(experiment, seeds)
+    check_writable(folder)
     with Store(options.results / "runs.db") as store:
         for stage in stages(experiment, store, seeds):
             runs = interleaved(group.runs for group in stage)
             if code := _train(experiment.name, runs, store, options):
                 return code
             groups += stage
-        folder = options.results / folder_name(experiment, seeds)
         agents = partial(explorer.write, experiment, store, seeds=seeds)
         publish(folder, *tables(groups, store), agents)
     print(f"{experiment.name}: the tables of all runs are in {folder}.")

@@ -5,7 +5,9 @@ whole records. Checksums are verified whenever a record is read: a damaged one i
 """
 
 import json
+import re
 import sqlite3
+import sys
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -51,6 +53,9 @@ OR NOT EXISTS (SELECT 1 FROM runs WHERE digest = new.digest AND status != 'faile
 """
 MOVE = "move it away, or choose another folder with --results"
 _CHECK = "check that its folder is writable and has free space, and try again"
+_HELD = "end the program that uses it; if there is none, its file system has no locks: use another"
+_HELD += " folder, on this machine, with --results"
+_PATIENCE_MS = 60_000  # to wait for another program
 Arrays = Mapping[str, NDArray[Any]]
 Provenance = Mapping[str, Any]  # a record's versions, commit, machine and times
 
@@ -104,10 +109,18 @@ class Store:
             # Readers, too, open it for writing, so that SQLite can undo an interrupted transaction.
             uri = f"{path.absolute().as_uri()}?mode={'rw' if read_only else 'rwc'}"
             self._connection = sqlite3.connect(
-                uri, uri=True, timeout=60.0, isolation_level="IMMEDIATE"
+                uri, uri=True, timeout=1.0, isolation_level="IMMEDIATE"
             )
             try:
-                self._set_up(read_only)
+                try:
+                    self._set_up(read_only)
+                except sqlite3.OperationalError as error:
+                    if not _is_held(error):
+                        raise
+                    print(f"{path}: waiting for another program that uses it ...", file=sys.stderr)
+                    self._connection.execute(f"PRAGMA busy_timeout = {_PATIENCE_MS}")
+                    self._set_up(read_only)
+                self._connection.execute(f"PRAGMA busy_timeout = {_PATIENCE_MS}")
             except BaseException:
                 self._connection.close()
                 raise
@@ -124,6 +137,10 @@ class Store:
         self._connection.execute(f"PRAGMA query_only = {read_only}")
         if not read_only and (problem := self._pragma("integrity_check(1)")) != "ok":
             raise DamagedError(f"{self._path} is damaged: {problem}; {MOVE}.")
+        if not read_only:  # what cannot be written is refused before anything is trained
+            self._connection.execute("BEGIN IMMEDIATE")
+            self._connection.execute(f"PRAGMA user_version = {_FORMAT}")
+            self._connection.rollback()
 
     def _pragma(self, name: str) -> Any:
         (value,) = self._connection.execute(f"PRAGMA {name}").fetchone()
@@ -206,7 +223,14 @@ class Store:
                 raise DamagedError(f"{self._path} is damaged: {error}; {MOVE}.") from None
             reason = getattr(error, "strerror", None) or error
             what = f"cannot be used as the store of runs: {reason}"
-            raise InputError(f"{self._path}: {what}; {_CHECK}.") from None
+            raise InputError(
+                f"{self._path}: {what}; {_HELD if _is_held(error) else _CHECK}."
+            ) from None
+
+
+def _is_held(error: Exception) -> bool:
+    """Returns whether another program has locked the file, or nothing can be locked there."""
+    return re.search("BUSY|LOCK|PROTOCOL", getattr(error, "sqlite_errorname", "")) is not None
 
 
 # Bytes of a record

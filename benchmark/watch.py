@@ -95,7 +95,9 @@ def write(title: str, records: Records, path: Path) -> None:
     norm = Normalize(*colour_limits(records.agents[0]["values"].astype(float).ravel()))
     with figure_of(1, 1, size) as (figure, axes):
         frame = partial(draw, axes[0, 0], title, records, norm)
-        colour_bar(figure, [axes[0, 0]], norm, "value", extend="both")
+        is_value = not len(records.agents[0]["stochastic"])
+        label = "value" if is_value else "probability"
+        colour_bar(figure, [axes[0, 0]], norm, f"{label} of the best action", extend="both")
         frame(0)
         figure.draw_without_rendering()
         figure.set_layout_engine("none")  # a layout takes longer than a frame

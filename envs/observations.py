@@ -52,7 +52,8 @@ def _check_size(n_observations: int, n_features: int, observation: str) -> None:
     """Refuses, by an InputError, a table of observations that does not fit into memory."""
     if n_observations * n_features > MAX_TABLE:
         found = f"{n_observations:,} observations of {n_features:,} numbers each"
-        accepted = f'at most {MAX_TABLE:,} numbers in all, or "coordinates" or "index"'
+        others = "coordinates, centred, factored, planes, index, or one of offsets"
+        accepted = f"at most {MAX_TABLE:,} numbers in all, or a smaller form, such as {others}"
         raise InputError(f"observation {observation}: {found}; accepted: {accepted}.")
 
 

@@ -10,8 +10,10 @@ from pathlib import Path
 import pytest
 
 from benchmark.__main__ import main
+from benchmark.experiment import load_experiment
+from benchmark.report import study_of
 from envs import load_scenario, scenario_names
-from tests.support import ROOT
+from tests.support import ROOT, made
 
 SCENE, LEARNER, STUDIES = "benchmark/guide.md", "agents/README.md", "benchmark/STUDIES.md"
 # What makes the runs few and short. All else is as the page says.
@@ -73,6 +75,16 @@ def test_guide_can_be_followed(
         rows = re.findall(r"^(\w+) +([\d.]+) +160 +([\d.]+) +160$", printed, flags=re.MULTILINE)
         assert [row for row in rows if float(row[1]) > float(row[2])] == [(scenario, x, y)]
         assert f"in one of {len(rows)}" in page
+
+
+def test_guide_to_experiments_has_a_reading_to_copy(tmp_path: Path) -> None:
+    guide = (ROOT / "benchmark" / "experiments" / "README.md").read_text(encoding="utf-8")
+    (text,) = re.findall(r"```toml\n# dear\.toml\n(.*?)```", guide, flags=re.DOTALL)
+    experiment = made(tmp_path / "dear.toml", text)
+    study_of(experiment)
+    costs = {each.condition.name: each.scenario.rewards for each in experiment.populations}
+    assert (costs["default"].wrong_ping, costs["dear"].wrong_ping) == (-0.4, -1.0)
+    assert len(costs) == 1 + len(load_experiment("reproduce").declared.readings)
 
 
 def test_guide_to_scenarios_lists_all_and_its_examples_are_right() -> None:

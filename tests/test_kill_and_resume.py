@@ -5,6 +5,7 @@ import resource
 import signal
 import subprocess
 import sys
+import time
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -93,6 +94,20 @@ def test_stopped_driver_loses_only_the_runs_in_flight(
     assert process.returncode == (130 if number == signal.SIGINT else -number)
     assert "Traceback" not in stderr
     assert 1 <= resume(runs, tmp_path, expected) < len(expected)
+
+
+@pytest.mark.slow
+def test_an_interrupt_prints_no_traceback_whenever_it_comes(
+    experiment: Path, tmp_path: Path
+) -> None:
+    for i in range(12):
+        process = start(experiment, tmp_path / str(i))
+        time.sleep(0.3 + 0.2 * i)
+        os.killpg(process.pid, signal.SIGINT)
+        _, stderr = process.communicate(timeout=60)
+        # On a loaded machine, Python itself may not have begun with us.
+        assert process.returncode in (-signal.SIGINT, 130) or "benchmark/" not in stderr, stderr
+        assert "Exception" not in stderr, stderr
 
 
 @pytest.mark.slow

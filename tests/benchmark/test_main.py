@@ -75,6 +75,15 @@ def test_list_and_help_describe_everything(capsys: pytest.CaptureFixture[str]) -
     assert "(default: compare_deep)" in capsys.readouterr().out
 
 
+def test_a_broken_package_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "seaborn.py").write_text("import os\nraise RuntimeError('boom')\n")
+    command = [sys.executable, "-m", "benchmark", "report", "--results", str(tmp_path)]
+    environment = os.environ | {"PYTHONPATH": str(tmp_path)}
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"error: {tmp_path / 'seaborn.py'}, line 2: RuntimeError: boom; ")
+
+
 @pytest.mark.parametrize("package", ["agents", "envs"])
 def test_a_package_that_hides_ours_is_named(package: str, tmp_path: Path) -> None:
     (file := tmp_path / package / "__init__.py").parent.mkdir()

@@ -1,14 +1,18 @@
 """The store gives back what was put into it, whole, or says what is wrong with it."""
 
+import os
 import sqlite3
 from collections.abc import Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from benchmark import store as store_module
+from benchmark.folder import check_writable
 from benchmark.store import Arrays, Record, Store
 from envs import InputError
 
@@ -160,3 +164,41 @@ def test_reading_needs_a_store_and_changes_nothing(tmp_path: Path) -> None:
         with pytest.raises(InputError):
             store.add([record("y")])
     assert path.read_bytes() == before
+
+
+def test_a_store_that_another_program_holds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(store_module, "_PATIENCE_MS", 10)
+    with Store(path := tmp_path / "runs.db") as ours:
+        other = sqlite3.connect(path, isolation_level=None)
+        other.execute("BEGIN EXCLUSIVE")
+        with pytest.raises(InputError, match=r"end the program that uses it; .* with --results"):
+            Store(path)
+        assert f"{path}: waiting for another program" in capsys.readouterr().err
+        other.close()
+        error = sqlite3.OperationalError("disk I/O error")
+        for name, advice in (("SQLITE_IOERR_LOCK", "has no locks"), ("SQLITE_FULL", "free space")):
+            error.sqlite_errorname = name
+            with pytest.raises(InputError, match=advice), ours._input_errors():
+                raise error
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can act as somebody else")
+def test_what_somebody_else_may_not_write_is_refused_before_training() -> None:
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        folder.chmod(0o755)
+        Store(folder / "runs.db").__exit__()
+        (folder / "mine").mkdir()
+        os.seteuid(65534)
+        try:
+            for check in (
+                lambda: Store(folder / "runs.db"),
+                lambda: check_writable(folder / "mine"),
+            ):
+                with pytest.raises(InputError, match=r"runs\.db: cannot be used|mine: cannot be"):
+                    check()
+        finally:
+            os.seteuid(0)
+        check_writable(folder / "mine")
