@@ -193,12 +193,10 @@ def test_what_somebody_else_may_not_write_is_refused_before_training() -> None:
         (folder / "mine").mkdir()
         os.seteuid(65534)
         try:
-            for check in (
-                lambda: Store(folder / "runs.db"),
-                lambda: check_writable(folder / "mine"),
-            ):
-                with pytest.raises(InputError, match=r"runs\.db: cannot be used|mine: cannot be"):
-                    check()
+            with pytest.raises(InputError, match=r"runs\.db: cannot be used"):
+                Store(folder / "runs.db")
+            with pytest.raises(InputError, match="mine: cannot be written"):
+                check_writable(folder / "mine")
         finally:
             os.seteuid(0)
         check_writable(folder / "mine")
