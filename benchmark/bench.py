@@ -17,7 +17,7 @@ from benchmark.experiment import Experiment, load_experiment
 from benchmark.folder import Folder, write_text
 from benchmark.run import main as run
 from benchmark.study import Data
-from benchmark.suite import SUITE, rows_to_paste
+from benchmark.suite import PUBLISHED_SUITE, SUITE, published, rows_to_paste
 from benchmark.tables import read
 from envs import InputError
 from envs.inputs import shortened
@@ -36,6 +36,8 @@ def main(options: argparse.Namespace) -> int:
     if (experiment.declared.report or {}).get("kind") != SUITE:
         raise InputError(f'{path}: accepted: an experiment with extends = "{SUITE}".')
     print(_about(experiment))
+    if published() is None:
+        print(f"Without the published learners: their runs, {PUBLISHED_SUITE}, are not there.")
     others = {"experiment": str(path), "report": True, "seeds": None, "cluster": None}
     if code := run(Namespace(**vars(options) | others)):
         return code

@@ -28,6 +28,7 @@ from envs import InputError, compile_scenario
 from envs.packages import missing_package
 
 SUITE = "suite"  # the experiment whose runs are published
+PUBLISHED_SUITE = REPOSITORY / "results" / SUITE  # an installed copy of the project has none
 RELATIVE_TO = "tile_coding, coordinates"
 _NEVER = "#ffffff"  # the colour of a cell in which most runs never learn
 _FASTEST_AND_SLOWEST = (100, 20_000)  # ends of the scale of colours, in steps
@@ -48,11 +49,10 @@ def check(experiment: Experiment, _: Report) -> None:
 @cache
 def published() -> Data | None:
     """Returns the published runs of the suite; None if there are none."""
-    folder = REPOSITORY / "results" / SUITE
-    if not (folder / tables.RUNS).is_file():
+    if not (PUBLISHED_SUITE / tables.RUNS).is_file():
         return None
     experiment = load_experiment(SUITE)
-    runs, curves = tables.read(folder)
+    runs, curves = tables.read(PUBLISHED_SUITE)
     tables.check_declared(experiment, runs)
     return Data(experiment, None, runs, curves)
 
