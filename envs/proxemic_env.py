@@ -18,6 +18,7 @@ from envs.scenario import ScenarioLike, load_scenario
 from envs.scene import scene_of
 
 Observation = int | Singles | Bytes
+_PASSED_ON = "minari_"  # options that Minari's collector reads, and passes on
 _INFO = ("event", "zone", "wrong_pings", "grid_reward", "issuer_reward", "is_success")
 
 
@@ -156,7 +157,7 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Moves the agent to the start, one of the starts if there are several; has no options."""
-        if options:
+        if any(not str(name).startswith(_PASSED_ON) for name in options or ()):
             raise InputError(f"options = {shortened(repr(options))}; accepted: none.")
         super().reset(seed=seed, options=options)
         starts = self.model.starts

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from copy import copy
 
 import numpy as np
-from gymnasium.vector import SyncVectorEnv
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers import TimeLimit
 
 from envs.inputs import InputError, shortened
@@ -17,8 +17,8 @@ MAX_ENVS = 4096
 class ProxemicVectorEnv(SyncVectorEnv):
     """N envs that step together; `ProxemicEnv` describes them.
 
-    `gymnasium.make_vec("envs:Proxemic/S1-v0", num_envs=8)` makes one. When an episode has ended,
-    the next step resets its env and ignores the action.
+    `gymnasium.make_vec("envs:Proxemic/S1-v0", num_envs=8)` makes one. By default, when an episode
+    has ended, the next step resets its env and ignores the action.
     """
 
     def __init__(
@@ -29,10 +29,12 @@ class ProxemicVectorEnv(SyncVectorEnv):
         overrides: Mapping[str, object] | None = None,
         max_episode_steps: int | None = None,
         render_mode: str | None = None,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
     ) -> None:
         """Compiles the scenario; the arguments are those of `ProxemicEnv`, N and a time limit.
 
-        `max_episode_steps` is None or -1 for no limit. What is not accepted is an InputError.
+        `max_episode_steps` is None or -1 for no limit, and `autoreset_mode` as in `SyncVectorEnv`.
+        What is not accepted is an InputError.
         """
         limit = None if max_episode_steps == -1 else max_episode_steps
         given = {"num_envs": (num_envs, MAX_ENVS)}
@@ -48,4 +50,4 @@ class ProxemicVectorEnv(SyncVectorEnv):
             env = copy(first)  # with the same model and observations
             return TimeLimit(env, limit) if limit else env
 
-        super().__init__([made] * int(num_envs))
+        super().__init__([made] * int(num_envs), autoreset_mode=autoreset_mode)

@@ -5,6 +5,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.vector import AutoresetMode
 
 from envs import InputError, ProxemicVectorEnv
 from tests.envs import Changes
@@ -24,6 +25,14 @@ def test_batch_equals_gymnasiums() -> None:
         actions = rng.choice(5, size=5, p=[0.15, 0.15, 0.15, 0.15, 0.4])
         for ours, theirs in zip(*(env.step(actions)[:4] for env in made), strict=True):
             assert np.array_equal(ours, theirs)
+
+
+def test_gymnasiums_own_batches_take_its_modes_and_tell_mistakes() -> None:
+    batch = gymnasium.make_vec("envs:Proxemic/S1-v0", num_envs=2, autoreset_mode="Disabled")
+    assert batch.metadata["autoreset_mode"] == AutoresetMode.DISABLED
+    batch.reset(options={"minari_autoseed": True})
+    # `AsyncVectorEnv` makes an error of the error that a worker raised.
+    assert str(InputError(InputError("a; accepted: b."))) == "a; accepted: b."
 
 
 @pytest.mark.parametrize(("limit", "expected"), [({}, [199]), ({"max_episode_steps": -1}, [])])
