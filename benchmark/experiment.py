@@ -390,6 +390,11 @@ def read_experiment(experiment: str | Path) -> tuple[Declaration, Path]:
     return declared.model_copy(update={"scenarios": scenarios}), path
 
 
+def is_from_bench(path: Path) -> bool:
+    """Returns whether `bench` wrote a file among results, where no code is looked for."""
+    return path.stem.startswith("bench_") and path.resolve().parent.name == path.stem
+
+
 def _beside(path: Path, name: str) -> str:
     """Returns a path from the folder of an experiment's file, if it exists, else as it is."""
     beside = join(path.parent, name)  # noqa: PTH118
@@ -421,7 +426,8 @@ def _read(path: Path) -> dict[str, object]:
             described["report.question"] = ""
         for changes in (described, extension.changes):
             data = override(data, changes, str(path))
-    search_beside(path)
+    if not is_from_bench(path):
+        search_beside(path)
     return data
 
 

@@ -81,7 +81,7 @@ def hyperparameters(run: RunSpecification, title: str) -> str:
     policy = given.get("policy_kwargs", {})
     if "features_extractor_class" in policy:
         raise InputError(f"{title}: accepted: a net without features_extractor_class.")
-    given["policy_kwargs"] = f"dict({', '.join(f'{key}={policy[key]}' for key in policy)})"
+    given["policy_kwargs"] = f"dict({', '.join(f'{key}={policy[key]!r}' for key in policy)})"
     lines = [f"  {key}: {json.dumps(value)}" for key, value in given.items()]
     lines = [re.sub(r"^(  \w+: [0-9]+)e", r"\1.0e", line) for line in lines]  # as YAML has numbers
     return "\n".join([f"# {title}", "default:", *lines, ""])

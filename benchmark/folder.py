@@ -30,6 +30,7 @@ README = "README.md"
 MEANINGS = "columns.csv"
 SEAL = "sha256"  # the last key: the digest of all others, as JSON with sorted keys
 MAX_UNPACKED = 500_000_000  # bytes of a compressed file's content
+MAX_ROWS = 10_000_000
 MAX_COLUMNS = 1000
 REPOSITORY = Path(__file__).parents[1]
 
@@ -103,10 +104,19 @@ def unsealed(text: bytes) -> dict[str, Any]:
 
 def committed(name: str, file: str) -> bytes | None:
     """Returns a file of a folder of results in the last commit; None if there is no such file."""
-    path = f"HEAD:results/{name}/{file}"
-    git = ["git", "-c", "safe.directory=*", "-C", str(REPOSITORY), "cat-file", "blob", path]
+    return git(REPOSITORY, "cat-file", "blob", f"HEAD:results/{name}/{file}")
+
+
+def git(folder: Path, *arguments: str) -> bytes | None:
+    """Returns what git reads from its objects in a folder; None if it fails.
+
+    No command that reads objects runs what a repository's settings say if nothing is fetched, so
+    the repository may be somebody else's.
+    """
+    command = ["git", "-c", "safe.directory=*", "-C", str(folder), *arguments]
+    alone = os.environ | {"GIT_NO_LAZY_FETCH": "1", "GIT_ALLOW_PROTOCOL": "none"}
     try:
-        return subprocess.run(git, check=True, capture_output=True).stdout
+        return subprocess.run(command, check=True, capture_output=True, env=alone).stdout
     except (OSError, subprocess.CalledProcessError):
         return None
 
@@ -119,16 +129,18 @@ def unpacked(packed: bytes) -> bytes:
     return content
 
 
-def check_columns(content: bytes) -> None:
-    """Raises a ValueError if a table has too many columns."""
-    n = content.partition(b"\n")[0].count(b",") + 1
+def check_size(content: bytes) -> None:
+    """Raises a ValueError if a table has too many rows, or entries in a row."""
+    if (n := content.count(b"\n")) > MAX_ROWS:
+        raise ValueError(f"it has {n:,} rows, more than {MAX_ROWS:,}")
+    n = max(line.count(b",") for line in content.split(b"\n")) + 1
     if n > MAX_COLUMNS:
         raise ValueError(f"it has {n:,} columns, more than {MAX_COLUMNS:,}")
 
 
 def read_csv(content: bytes) -> pd.DataFrame:
     """Reads a table. Only "nan" and, among numbers, an empty entry are missing values, not "NA"."""
-    check_columns(content)
+    check_size(content)
     texts = pd.read_csv(BytesIO(content), keep_default_na=False, dtype=str)
     table = pd.read_csv(BytesIO(content), keep_default_na=False, na_values=["", "nan"])
     are_texts = [name for name in table if table[name].dtype == object or not texts[name].any()]

@@ -3,7 +3,6 @@
 import hashlib
 import os
 import platform
-import subprocess
 from contextlib import suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -14,6 +13,7 @@ import llvmlite.binding
 import numpy as np
 
 from agents import load_algorithm
+from benchmark.folder import git
 from envs.packages import missing_package
 
 _PACKAGES = (
@@ -79,21 +79,11 @@ def commit(root: Path) -> str | None:
     """Returns the commit of the repository that tracks this code, if one does.
 
     It ends in `-changed` if the code differs. A copy that is installed inside another repository
-    has none. Git only reads objects here, since `git status` runs what a repository's settings say;
-    therefore the repository may be somebody else's.
+    has none. Files are compared with git's digests, since `git status` runs what a repository's
+    settings say.
     """
-
-    def git(*arguments: str) -> str:
-        command = ["git", "-c", "safe.directory=*", "-C", str(root), *arguments]
-        only_reads = os.environ | {"GIT_NO_LAZY_FETCH": "1"}
-        done = subprocess.run(command, check=True, capture_output=True, text=True, env=only_reads)
-        return done.stdout.strip()
-
-    try:
-        head = git("rev-parse", "--short=12", "HEAD")
-        listed = git("ls-tree", "-r", "HEAD", "--", *_FOLDERS).splitlines()
-    except (OSError, subprocess.CalledProcessError):
-        return None
+    head = (git(root, "rev-parse", "--short=12", "HEAD") or b"").decode().strip()
+    listed = (git(root, "ls-tree", "-r", "HEAD", "--", *_FOLDERS) or b"").decode().splitlines()
     digests = {path: about.split()[2] for about, path in (line.split("\t") for line in listed)}
     if "benchmark/__init__.py" not in digests:
         return None

@@ -24,7 +24,7 @@ from typing import Any
 import pandas as pd
 
 from benchmark import front, style, tables
-from benchmark.experiment import PUBLISHED, Experiment, load_experiment
+from benchmark.experiment import PUBLISHED, Experiment, is_from_bench, load_experiment
 from benchmark.folder import (
     MANIFEST,
     MEANINGS,
@@ -390,7 +390,8 @@ def answer_of(study: Study, data: Data, seeds: Sequence[int] | None = None) -> s
     """
     experiment, text = study.experiment, ""
     path = experiment.path.with_suffix(".py")
-    if seeds is None and not experiment.declared.is_miniature and path.is_file():
+    is_read = seeds is None and not experiment.declared.is_miniature and not is_from_bench(path)
+    if is_read and path.is_file():
         try:
             module = ModuleType(path.stem)
             with mistakes_in(path):

@@ -14,7 +14,7 @@ from typing import Any
 from agents import load_algorithm
 from benchmark.executors import EXECUTORS, Executor, usable_cores
 from benchmark.experiment import Experiment, interleaved, load_experiment
-from benchmark.folder import check_writable
+from benchmark.folder import check_writable, damaged
 from benchmark.job import Job, failures, plan
 from benchmark.page import explorer
 from benchmark.progress import Display
@@ -47,7 +47,9 @@ def main(options: argparse.Namespace) -> int:
                 return code
             groups += stage
         agents = partial(explorer.write, experiment, store, seeds=seeds)
-        publish(folder, *tables(groups, store), agents)
+        with damaged(options.results / "runs.db"):
+            made = tables(groups, store)
+        publish(folder, *made, agents)
     print(f"{experiment.name}: the tables of all runs are in {folder}.")
     return report(options) if options.report else 0
 

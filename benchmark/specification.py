@@ -49,9 +49,10 @@ class RunSpecification:
         names = {each.name for each in fields(self)}.difference(_NO_IDENTITY)
         values = {name: getattr(self, name) for name in names}
         as_json = partial(json.dumps, default=lambda table: table.model_dump(mode="json"))
-        text = as_json(values, ensure_ascii=False)
-        # Users' modules that it names as `module:attribute`
-        named = sorted({*re.findall(r'"([\w.]+):[\w.]+"', text)})
+        # Users' modules that it names as `module:attribute`, but not in what readers are told
+        feedback = [its.kind for its in self.scenario.own_feedback]
+        naming = as_json([self.algorithm, self.settings, feedback], ensure_ascii=False)
+        named = sorted({*re.findall(r'"([\w.]+):[\w.]+"', naming)})
         digests = {name: digest_when_loaded(name) for name in named}
         if code := {name: digest for name, digest in digests.items() if digest}:
             values["code"] = code

@@ -5,6 +5,7 @@ whole records. Checksums are verified whenever a record is read: a damaged one i
 """
 
 import json
+import math
 import re
 import sqlite3
 import sys
@@ -132,7 +133,10 @@ class Store:
         if not read_only and self._pragma("schema_version") == 0:  # it is new
             self._connection.executescript(_CREATE)
         kind = self._pragma("application_id"), self._pragma("user_version")
-        if kind != (_APPLICATION_ID, _FORMAT):
+        query = "SELECT type FROM sqlite_master WHERE name = 'runs'"  # a view may never end
+        if kind != (_APPLICATION_ID, _FORMAT) or self._connection.execute(query).fetchone() != (
+            "table",
+        ):
             raise DamagedError(f"{self._path}: not a store of this version of the project; {MOVE}.")
         self._connection.execute(f"PRAGMA query_only = {read_only}")
         if not read_only and (problem := self._pragma("integrity_check(1)")) != "ok":
@@ -260,7 +264,9 @@ class _Packed(Arrays):
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         dtype, shape, data = self._arrays[name]
-        return np.frombuffer(zlib.decompress(data), dtype).reshape(shape)
+        size = np.dtype(dtype).itemsize * math.prod(shape)
+        content = zlib.decompressobj().decompress(data, size + 1)  # not more, whatever is there
+        return np.frombuffer(content, dtype).reshape(shape)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._arrays)

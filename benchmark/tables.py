@@ -186,7 +186,7 @@ def read_table(folder: Path, name: str) -> pd.DataFrame:
         raise InputError(f"{path}: there are no runs yet; run the experiment first.")
     packed = folders.Folder(folder).content(name)
     with folders.damaged(path):
-        folders.check_columns(content := folders.unpacked(packed))
+        folders.check_size(content := folders.unpacked(packed))
         texts, file = dict.fromkeys(_TEXTS, str), io.BytesIO(content)
         frame = pd.read_csv(file, dtype=texts, keep_default_na=False, na_values=["", "nan"])
         if not frame["success"].between(0, 1).all():

@@ -17,7 +17,13 @@ import numpy as np
 import pandas as pd
 
 from benchmark import front, report
-from benchmark.experiment import PUBLISHED, Experiment, experiment_names, load_experiment
+from benchmark.experiment import (
+    PUBLISHED,
+    Experiment,
+    experiment_names,
+    interleaved,
+    load_experiment,
+)
 from benchmark.folder import (
     MANIFEST,
     MEANINGS,
@@ -58,16 +64,12 @@ def main(options: argparse.Namespace) -> int:
         raise InputError(f"--results {results}: nothing to verify; accepted: {accepted}.")
     with TemporaryDirectory() as name, alone(results):
         made = Path(name) / "results"
-        for folder in results.iterdir():
-            if folder.is_dir():
-                (made / folder.name).mkdir(parents=True)
-                for file in _files(folder):
-                    shutil.copy(folder / file, made / folder.name)
-        if (results / _STORE).exists():
-            (made / _STORE).symlink_to((results / _STORE).resolve())
-        with Store(Path(name) / "repeated.db") as repeated:
+        made.mkdir()
+        for each in {*PUBLISHED, *(each.name for each in shown)}:
+            _copy(results / each, made / each)
+        with Store(made / _STORE) as repeated:
             for problem in _problems(shown, results, made, repeated, (n, seed, jobs)):
-                print(problem, file=sys.stderr)
+                print(problem.replace(str(made), str(results)), file=sys.stderr)
                 n_problems += 1
     known = {*_TEXTS, *(each.name for each in shown)}
     others = sorted(
@@ -83,9 +85,14 @@ def main(options: argparse.Namespace) -> int:
     return int(n_problems > 0)
 
 
-def _files(folder: Path) -> set[str]:
-    """Returns the names of a folder's files, without hidden ones."""
-    return {each.name for each in folder.iterdir() if each.is_file() and each.name[0] != "."}
+def _copy(folder: Path, made: Path) -> None:
+    """Copies the files that a folder's manifest lists, as far as they are there, and the texts."""
+    with suppress(InputError):  # `_changes` says what is wrong
+        names = {MANIFEST, README, MEANINGS, *Folder(folder).files}
+        made.mkdir()
+        for file in names:
+            if (folder / file).is_file():
+                shutil.copy(folder / file, made)
 
 
 def _problems(
@@ -97,6 +104,10 @@ def _problems(
 ) -> Iterator[str]:
     """Yields a sentence for each problem; prints what is correct."""
     yield from _unrepeated(shown, results, repeated, sample)
+    for each in shown:
+        if hasattr(report.study_of(each).module, "READS_STORE"):  # it needs all records
+            runs = [run for population in each.populations for run in population.runs()]
+            execute(interleaved([runs]), repeated, sample[-1])
     checks = [_changes(each, results / each.name, made / each.name) for each in shown]
     if any(each.name in PUBLISHED for each in shown):
         checks.append(_texts(results, made))

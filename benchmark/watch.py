@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from agents.policy import contains
 from benchmark.experiment import load_experiment
 from benchmark.export import find_run
+from benchmark.folder import damaged
 from benchmark.records import Records, load_records
 from benchmark.run import execute, pending
 from benchmark.scenes import RGB, Style, colour_bar, heat, mark
@@ -59,7 +60,8 @@ def main(options: argparse.Namespace) -> int:
             print(f"training {title} ...", file=sys.stderr)
             if errors := execute([watched], store, jobs=1):
                 raise InputError(f"{title}: training failed: {errors[0]}")
-        write(title, load_records([watched], store), options.save)
+        with damaged(options.results / "runs.db"):
+            write(title, load_records([watched], store), options.save)
     print(f"{title}: {options.save}")
     return 0
 

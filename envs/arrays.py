@@ -26,6 +26,7 @@ def read_only(value: T) -> T:
     """Makes arrays read-only: one, or those in a tuple or a dataclass; returns the value."""
     if isinstance(value, np.ndarray):
         value.flags.writeable = False
+        read_only(value.base)  # whose memory it may share
     elif isinstance(value, tuple):
         for each in value:
             read_only(each)

@@ -159,6 +159,8 @@ def check_file_name(path: Path, what: str) -> None:
 
 def read_toml(path: Path) -> dict[str, Any]:
     """Reads a TOML file; one that cannot be read raises an InputError."""
+    if path.exists() and not path.is_file():  # it may be a pipe that never ends
+        raise InputError(f"{path}: cannot be read: it is not a regular file.")
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8-sig"))
         json.dumps(data, default=str)  # as `parse` does

@@ -71,7 +71,7 @@ def _check_planes(scenario: Scenario) -> None:
 
 def check_form(observation: str) -> None:
     """Refuses an unknown form by an InputError."""
-    if observation not in _PARTS:
+    if str(observation) not in _PARTS:
         unknown_name("observation", "form", str(observation), OBSERVATIONS)
 
 
@@ -90,6 +90,7 @@ def seen_as(scenario: Scenario, observation: str) -> Scenario:
 
 def compile_seen(scenario: Scenario, observation: str) -> Model:
     """Compiles a scenario for agents that are given observations in a form, see `seen_as`."""
+    check_form(observation)
     return compile_scenario(seen_as(scenario, observation))
 
 

@@ -354,6 +354,11 @@ def load_scenario(
       InputError: For each mistake a sentence that names the file, the key, its value and what is
         accepted.
     """
+    if not isinstance(scenario, Scenario | Mapping | str | Path):
+        accepted = "a name, a path, a Scenario, or a mapping of its values"
+        raise inputs.InputError(f"scenario = {scenario!r}; accepted: {accepted}.")
+    if not isinstance(overrides, Mapping | None):
+        raise inputs.InputError(f"overrides = {overrides!r}; accepted: a mapping of values by key.")
     if isinstance(scenario, Scenario):
         if not overrides:
             return scenario

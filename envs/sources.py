@@ -123,10 +123,10 @@ def digest_of_source(module: str) -> str:
 
     It is the same in every process, and counts:
 
-    - the sources of the module and of the users' modules that they import
-    - once the module has been imported, its global variables that are numbers, texts but paths,
-      arrays or tuples of these, wherever the values are from; what its functions have of these as
-      defaults and in closures; and the same of the users' modules that it has objects of
+    - the sources of the module and of the users' modules that they import, also by `import_module`
+    - once the module has been imported, its global variables that are numbers, texts without a
+      slash, arrays or tuples of these, wherever the values are from; what its functions have of
+      these as defaults and in closures; and the same of the users' modules that it has objects of
 
     Variables that a function declares `global`, lists, dicts and attributes do not count, since
     they may change, nor does code with a version: installed packages, Python's library and this
@@ -143,7 +143,9 @@ def digest_of_source(module: str) -> str:
             counted.append(f"{name} {hashlib.sha256(source).hexdigest()}")
             tree = trees[name] = ast.parse(source)
             package = name if spec.submodule_search_locations else name.rpartition(".")[0]
-            names += {package, *_imports(tree, package)}.difference(names)
+            loaded = getattr(sys.modules.get(name), "__dict__", {}).values()
+            modules = {each.__name__ for each in loaded if isinstance(each, ModuleType)}
+            names += {package, *_imports(tree, package), *modules}.difference(names)
     counted += _constants(module, trees)
     return hashlib.sha256(repr(sorted(counted)).encode()).hexdigest() if counted else ""
 
@@ -165,9 +167,11 @@ def _user_spec(name: str, folder: str) -> Any:
     whole, _, _ = name.partition(".")
     if whole not in _OURS and folder:
         _found(whole, [folder])
-    spec: Any = None if whole in _OURS else find_spec(name)
-    path = Path(spec.origin)
-    return None if path.is_relative_to(_LIBRARY) or _INSTALLED & {*path.parts} else spec
+    spec: Any = None if whole in _OURS else find_spec(whole)
+    path = Path(spec.origin or next(iter(spec.submodule_search_locations)))
+    if path.is_relative_to(_LIBRARY) or _INSTALLED & {*path.parts}:
+        return None
+    return find_spec(name)  # which imports the packages that it is in
 
 
 def _imports(tree: ast.Module, package: str) -> Iterator[str]:
@@ -178,6 +182,9 @@ def _imports(tree: ast.Module, package: str) -> Iterator[str]:
         elif isinstance(node, ast.ImportFrom):
             outer = resolve_name("." * node.level + (node.module or ""), package)
             yield from (outer, *(f"{outer}.{alias.name}" for alias in node.names))
+        elif isinstance(node, ast.Call) and node.args and isinstance(node.args[0], ast.Constant):
+            is_import = ast.unparse(node.func).endswith(("import_module", "__import__"))
+            yield str(node.args[0].value) if is_import else package
 
 
 def _constants(module: str, trees: Mapping[str, ast.Module]) -> Iterator[str]:
@@ -204,6 +211,8 @@ def _constant(value: Any) -> Any:
             return value
         case str():
             return None if "/" in value else value
+        case complex() | bytes():
+            return repr(value)
         case np.ndarray() | np.generic():
             return [str(value.dtype), value.tolist()]
         case FunctionType():

@@ -152,7 +152,7 @@ def _known_layers(env: Any) -> list[Any]:
     methods = ("step", "reset", "step_async", "step_wait")
     sources = [getattr(env, name) for name in methods if hasattr(env, name)]
     if not isinstance(env, gymnasium.Wrapper | VecEnvWrapper):
-        sources = [type(env)]
+        sources.append(type(env))
     if not all(
         _UNCHANGING.match(f"{source.__module__}.{source.__qualname__}") for source in sources
     ):
