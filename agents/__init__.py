@@ -60,7 +60,8 @@ def load_algorithm(name: str, source: str = "agents") -> Algorithm:
         except InputError as error:
             raise InputError(f"{source}: {error}") from error
     if not isinstance(algorithm, Algorithm):
-        sb3 = "stable_baselines3.common.base_class.BaseAlgorithm"
-        accepted = f"an agents.contract.Algorithm, or a subclass of {sb3}"
-        raise InputError(f"{source}: {name} is not an algorithm; accepted: {accepted}.")
+        raise InputError(
+            f"{source}: {name} is not an algorithm; accepted: an agents.contract.Algorithm, or a "
+            "subclass of stable_baselines3.common.base_class.BaseAlgorithm."
+        )
     return algorithm

@@ -75,7 +75,8 @@ class _Files(IndexDataCacheFile):  # type: ignore[misc]
 
     def save(self, key: Any, data: object) -> None:
         """Saves what was compiled for a signature and a processor, if the disk has room."""
-        path, content = self._path(key), self._dump(data)
+        path = self._path(key)
+        content = self._dump(data)
         try:
             with self._open_for_write(str(path)) as file:
                 file.write(self._digest(path, content) + content)

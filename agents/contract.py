@@ -186,7 +186,8 @@ def snapshots(tables: Floats, final: Floats, schedule: Schedule, *, is_value: bo
 
 def check_training(training: Training, model: Model, n_agents: int, schedule: Schedule) -> None:
     """Refuses, by a ValueError, trainings of other shapes, and a training without policies."""
-    n_steps, n_maps = len(schedule.evaluation_steps), len(schedule.map_steps)
+    n_steps = len(schedule.evaluation_steps)
+    n_maps = len(schedule.map_steps)
     table = n_observations, n_actions = model.n_observations, len(ACTIONS)
     accepted: dict[str, list[tuple[int, ...]]] = {  # without the axis N
         "greedy": [(n_steps, n_observations)],

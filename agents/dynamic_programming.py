@@ -88,7 +88,8 @@ def evaluate(model: Model, policy: Policy, horizon: int, start: str = "start") -
     counted = model.grid_reward, model.issuer_reward, is_success, model.is_wrong_ping, model.zone
     # No episode leaves the states of its place. Going place by place keeps what is read in the
     # caches.
-    probability, n_block = from_starts(model, start), len(model.observation) // model.n_places
+    probability = from_starts(model, start)
+    n_block = len(model.observation) // model.n_places
     states = np.flatnonzero(probability)
     first = np.searchsorted(states, n_block * np.arange(model.n_places + 1))
     starts = states, probability[states], first, n_block
@@ -128,8 +129,18 @@ def _sweep(
             n_reached, n_listed = _list_transitions(
                 policies[n], dynamics, states[some], index, reached, ends, probability
             )
-            visits = np.zeros(n_reached)
-            _count_visits(start_probability[some], ends[:n_listed], probability, horizon, visits)
+            visits = np.zeros(n_reached)  # expected number of steps in each state
+            before = np.zeros_like(visits)
+            after = np.empty_like(visits)
+            before[: some.stop - some.start] = start_probability[some]
+            for _ in range(horizon):
+                visits += before
+                after[:] = 0.0
+                for i in range(n_listed):
+                    after[ends[i, 1]] += before[ends[i, 0]] * probability[i]
+                if not after.any():
+                    break
+                before, after = after, before
             for i in range(n_reached):
                 s = reached[i]
                 index[s] = -1
@@ -156,7 +167,8 @@ def _list_transitions(
 ) -> tuple[int, int]:
     """Lists the states that a policy can reach, and its transitions; returns how many there are."""
     next_state, outcome, terminated, observation = dynamics
-    n_reached, n_transitions = len(starts), 0
+    n_reached = len(starts)
+    n_transitions = 0
     reached[:n_reached] = starts
     index[starts] = np.arange(n_reached)
     i = 0
@@ -177,23 +189,6 @@ def _list_transitions(
     return n_reached, n_transitions
 
 
-@njit
-def _count_visits(
-    start_probability: Floats, ends: Indices, probability: Floats, horizon: int, visits: Floats
-) -> None:
-    """Adds up the expected number of steps in each state."""
-    before, after = np.zeros_like(visits), np.empty_like(visits)
-    before[: len(start_probability)] = start_probability
-    for _ in range(horizon):
-        visits += before
-        after[:] = 0.0
-        for i in range(len(ends)):
-            after[ends[i, 1]] += before[ends[i, 0]] * probability[i]
-        if not after.any():
-            break
-        before, after = after, before
-
-
 def solve(
     model: Model, discount: float = 1.0, horizon: int | None = None, *, issuer_rewards: bool = True
 ) -> Solution:
@@ -206,7 +201,8 @@ def solve(
     if horizon is None and not 0 <= discount < 1:
         raise ValueError(f"discount = {discount}; without a horizon it must lie in [0, 1).")
     reward = model.grid_reward + model.issuer_reward if issuer_rewards else model.grid_reward
-    value, q = np.zeros(len(model.observation)), np.zeros_like(reward)
+    value = np.zeros(len(model.observation))
+    q = np.zeros_like(reward)
     for _ in count() if horizon is None else range(horizon):
         if model.n_outcomes == 1:
             q = value[model.next_state[:, :, 0]]

@@ -51,8 +51,9 @@ def check_people(model: Model, observation: str, arguments: PeopleArguments) -> 
         for each in (arguments.model_dump(), expected)
     )
     if given != accepted:
-        where = "policy_kwargs.features_extractor_kwargs"
-        raise InputError(f"{what}, {where}: {given}; accepted: {accepted}.")
+        raise InputError(
+            f"{what}, policy_kwargs.features_extractor_kwargs: {given}; accepted: {accepted}."
+        )
 
 
 def people_table(model: Model, observation: str, arguments: PeopleArguments) -> Singles:

@@ -6,8 +6,8 @@ PING.
 
 import numpy as np
 
+from envs import ACTIONS, Model
 from envs.arrays import Bools, Bytes, Floats
-from envs.model import ACTIONS, Model
 
 Policy = Floats  # (..., O, A), rows summing to one
 ALL_ACTIONS = 2 ** len(ACTIONS) - 1

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from envs.arrays import Records, Unsigned
+from envs.arrays import Records, Unsigned, Words
 from envs.model import ACTIONS, Model, draw_issuer_reward, kept_with_model
 
 U = np.uint64
@@ -22,16 +22,20 @@ Stream = tuple[U, U, U, U]
 # What follows an action. Outcomes hold changes of state and observation, which many states share.
 # So their table is small and stays in the nearest cache; with a row per state, the loop would wait
 # for memory.
-_OUTCOME_FIELDS = {
-    "reward": np.float64,  # mean
-    "state_change": np.int32,
-    "observation_change": np.int32,
-    "terminates": np.bool_,
-    "is_wrong_ping": np.bool_,
-    "noise": np.float64,  # half-width of the uniform noise of the reward
-    "probability_up_to": np.float64,  # sum over the outcomes up to this one; infinite at the last
-}
-OUTCOME = np.dtype([*_OUTCOME_FIELDS.items()], align=True)
+OUTCOME = np.dtype(
+    [
+        *{
+            "reward": np.float64,  # mean
+            "state_change": np.int32,
+            "observation_change": np.int32,
+            "terminates": np.bool_,
+            "is_wrong_ping": np.bool_,
+            "noise": np.float64,  # half-width of the uniform noise of the reward
+            "probability_up_to": np.float64,  # sum of outcomes up to this one; infinite at the last
+        }.items()
+    ],
+    align=True,
+)
 STEP = np.dtype([("o", np.uint64), ("a", np.uint64), ("reward", np.float64)])  # kept for a replay
 _STATES_AT_ONCE = 200_000  # whose outcomes are written out together
 
@@ -53,7 +57,8 @@ def process_of(model: Model) -> Process:
     """Flattens a model for numba."""
     n_states, n_actions, n_outcomes = model.next_state.shape
     row = n_actions * n_outcomes * OUTCOME.itemsize  # bytes of a state
-    kinds, kind = np.zeros(0, dtype=f"V{row}"), np.empty(n_states, dtype=np.int64)
+    kinds = np.zeros(0, dtype=f"V{row}")
+    kind = np.empty(n_states, dtype=np.int64)
     for first in range(0, n_states, _STATES_AT_ONCE):
         some = slice(first, first + _STATES_AT_ONCE)
         rows = np.concatenate([kinds, _outcomes(model, some).reshape(-1).view(kinds.dtype)])
@@ -95,7 +100,15 @@ def keep_step(kept: Records, i: U, o: U, a: U, reward: float) -> None:
     """Keeps step i of an episode, if there is room for steps."""
     if len(kept) > 0:
         step = kept[i]
-        step.o, step.a, step.reward = o, a, reward
+        step.o = o
+        step.a = a
+        step.reward = reward
+
+
+@njit(forceinline=True)
+def stream_of(words: Words) -> Stream:
+    """Returns the stream that is kept in an array, (4,)."""
+    return words[0], words[1], words[2], words[3]
 
 
 @njit

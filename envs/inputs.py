@@ -283,10 +283,12 @@ def _accepted(cls: type[BaseModel], location: Iterable[int | str]) -> set[str]:
     for key in (
         location
     ):  # of a table, or else an index, a name that users give, or that of an alternative
-        annotations = [
-            table.model_fields[key].annotation for table in tables if key in table.model_fields
-        ]
-        tables = [table for annotation in annotations for table in _tables(annotation)] or tables
+        tables = [
+            inner
+            for table in tables
+            if key in table.model_fields
+            for inner in _tables(table.model_fields[key].annotation)
+        ] or tables
     return {key for table in tables for key in table.model_fields}
 
 

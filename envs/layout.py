@@ -62,15 +62,14 @@ class Layout:
     @read_only_property
     def following(self) -> tuple[Ints, Floats]:
         """The K ticks that may follow each tick, (ticks, K), and their probabilities."""
-        n, stages = len(self.ticks), self.stages
+        n = len(self.ticks)
+        stages = self.stages
         if stages[0].next is None:
             return (np.arange(n)[:, None] + 1) % n, np.ones((n, 1))
         index = {stage.name: i for i, stage in enumerate(stages)}
         n_outcomes = 1 + max(len(stage.next or {}) for stage in stages)
-        ticks, probability = (
-            np.arange(n)[:, None].repeat(n_outcomes, axis=1),
-            np.zeros((n, n_outcomes)),
-        )
+        ticks = np.arange(n)[:, None].repeat(n_outcomes, axis=1)
+        probability = np.zeros(ticks.shape)
         for i, stage in enumerate(stages):
             chances = stage.next or {}
             for k, (name, chance) in enumerate(chances.items(), start=1):
@@ -117,8 +116,8 @@ def draw_places(layout: Layout, n: int | None, unseen: int, draw: int) -> Layout
     """
     order = np.flatnonzero(layout.has_start)
     if n is not None:
-        ranks = [_rank(place, draw) for place in layout.grid.position[layout.ways[order]].tolist()]
-        order = order[sorted(range(len(order)), key=ranks.__getitem__)[: n + unseen]]
+        places = layout.grid.position[layout.ways].tolist()
+        order = np.array(sorted(order, key=lambda j: _rank(places[j], draw))[: n + unseen], int)
     chosen = np.sort(order)
     return layout.at(chosen, novelty=np.where(np.isin(chosen, order[:n]), SEEN, NEW_PLACE))
 
@@ -133,9 +132,11 @@ def shown_cells(cells: Sequence[Cell], fraction: float, draw: int) -> list[Cell]
 @lru_cache(maxsize=8)
 def draw_onlookers(layout: Layout, onlookers: Onlookers, draw: int) -> Layout:
     """Returns a layout whose places are repeated with different ways in which onlookers stand."""
-    grid, n_ways = layout.grid, onlookers.ways
+    grid = layout.grid
+    n_ways = onlookers.ways
     seen, new = (np.flatnonzero(layout.novelty == kind) for kind in (SEEN, NEW_PLACE))
-    n_trained, n_new_ways = max(n_ways, len(seen)), len(seen) if len(new) else 0
+    n_trained = max(n_ways, len(seen))
+    n_new_ways = len(seen) if len(new) else 0
     place = np.concatenate([np.resize(seen, n_trained), new, seen[:n_new_ways]])
     old_ways = [np.arange(n) % n_ways for n in (n_trained, len(new))]
     way = np.concatenate([*old_ways, n_ways + np.arange(n_new_ways)])
@@ -192,23 +193,22 @@ def timeline(
         return stages, (others,) * len(stages)
     beat = math.gcd(*(walk.steps for _, walk in walking.values()))
     routes = {
-        key: [spot for spot in walk.route(position) for _ in range(walk.steps // beat)]
+        key: [
+            {"position": cell, "heading": heading}
+            for cell, heading in walk.route(position)
+            for _ in range(walk.steps // beat)
+        ]
         for key, (position, walk) in walking.items()
     }
 
-    def spot(key: str, i: int) -> dict[str, object]:
-        route = routes.get(key)
-        return (
-            dict(zip(("position", "heading"), route[i % len(route)], strict=True)) if route else {}
-        )
+    def moved(who: Any, key: str, i: int) -> Any:
+        route = routes.get(key, [{}])
+        return who.model_copy(update=route[i % len(route)])
 
     n = math.lcm(*map(len, routes.values()))
-    stages = tuple(
-        Phase(name=f"{i + 1}", steps=beat).model_copy(update=spot("issuer", i)) for i in range(n)
-    )
+    stages = tuple(moved(Phase(name=f"{i + 1}", steps=beat), "issuer", i) for i in range(n))
     people = (
-        tuple(person.model_copy(update=spot(f"others.{k}", i)) for k, person in enumerate(others))
-        for i in range(n)
+        tuple(moved(person, f"others.{k}", i) for k, person in enumerate(others)) for i in range(n)
     )
     return stages, tuple(people)
 
@@ -233,9 +233,30 @@ def resolve(
     cells = cells[~(grid.is_wall[cells] | np.isin(cells, occupied))]
     _check_ways(len(cells), most, 1, group)
     ways = _ways_of_group(grid, cells, group, regions, most) if group else cells[:, None]
-    zone = _find_zones(grid, issuer, regions, ways, stages, others_at)
+    zone = np.zeros((len(ways), len(stages), len(grid.position)), dtype=np.int8)  # (G, P, C)
+    for p, stage in enumerate(stages):
+        nearest = zone[:, p]
+        around = stage.regions or regions
+        heading = stage.heading or issuer.heading
+        standing = np.full_like(ways, grid.index(stage.position)) if stage.position else ways
+        cells, member = np.unique(standing, return_inverse=True)
+        windows = [zones(around, heading, spot, grid) for spot in grid.position[cells]]
+        window = np.array(windows, dtype=np.int8).reshape(-1, zone.shape[2])
+        for column in member.reshape(ways.shape).T:  # uncomfortable if it is so to anyone
+            np.maximum(nearest, window[column], out=nearest)
+        if isinstance(around.target, Ring):
+            people = grid.position[ways]
+            ring = ring_zones(around.target, people, grid.position, around.cell_width(grid))
+            np.maximum(nearest, ring, out=nearest)
+        for person in others_at[p]:
+            nearest[:, grid.index(person.position)] = ISSUER
+            if person.regions is not None:
+                its = zones(person.regions, person.heading, person.position, grid)
+                np.maximum(nearest, its, out=nearest)
+    zone[:, :, grid.is_wall] = OUTSIDE
     is_start = _find_starts(grid, zone, first)
-    novelty, onlookers = np.full(len(ways), SEEN), np.zeros((len(ways), 0), np.int_)
+    novelty = np.full(len(ways), SEEN)
+    onlookers = np.zeros((len(ways), 0), np.int_)
     return Layout(grid, stages, others_at, ways, zone, is_start, novelty, onlookers)
 
 
@@ -264,39 +285,6 @@ def _ways_of_group(grid: Grid, cells: Ints, group: Group, regions: Regions, most
         groups = np.column_stack([groups[before], joining])
         _check_ways(len(groups), most, n_placed, group)
     return cells[groups]
-
-
-def _find_zones(
-    grid: Grid,
-    issuer: Issuer,
-    regions: Regions,
-    ways: Ints,
-    stages: Sequence[Phase],
-    others: Sequence[Sequence[Person]],
-) -> Codes:
-    """Returns the zone of every cell in each phase, for all ways to stand, (G, P, C)."""
-    zone = np.zeros((len(ways), len(stages), len(grid.position)), dtype=np.int8)
-    for p, stage in enumerate(stages):
-        around, heading = stage.regions or regions, stage.heading or issuer.heading
-        cells, member = np.unique(ways, return_inverse=True)
-        spots = [stage.position] if stage.position else [*map(tuple, grid.position[cells].tolist())]
-        windows = [zones(around, heading, spot, grid) for spot in spots]
-        window = np.array(windows, dtype=np.int8).reshape(-1, zone.shape[2])
-        member = member.reshape(ways.shape) if stage.position is None else 0 * ways
-        for column in member.T:  # uncomfortable if it is so to anyone
-            zone[:, p] = np.maximum(zone[:, p], window[column])
-        if isinstance(around.target, Ring):
-            ring = ring_zones(
-                around.target, grid.position[ways], grid.position, around.cell_width(grid)
-            )
-            zone[:, p] = np.maximum(zone[:, p], ring)
-        for person in others[p]:
-            zone[:, p, grid.index(person.position)] = ISSUER
-            if person.regions is not None:
-                its = zones(person.regions, person.heading, person.position, grid)
-                zone[:, p] = np.maximum(zone[:, p], its)
-    zone[:, :, grid.is_wall] = OUTSIDE
-    return zone
 
 
 def _find_starts(grid: Grid, zone: Codes, first: Ints) -> Bools:

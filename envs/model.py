@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from envs.arrays import Bools, Codes, Floats, Indices, Ints, read_only, read_only_property
 from envs.layout import NEW_PLACE, NEW_WAY, SEEN, random_orders, shown_cells
-from envs.people import BoundedFeedback, Onlookers, OwnFeedback, Ping
+from envs.people import BoundedFeedback, OwnFeedback, Ping
 from envs.regions import ISSUER, TARGET, UNCOMFORTABLE, ZONES
 from envs.scenario import Scenario
 
@@ -45,12 +45,10 @@ NONE, MOVE, UNCOMFORTABLE_MOVE, ISSUER_REACHED, TARGET_PING, WRONG_PING, LAST_WR
     len(EVENTS)
 )
 
-_EVENT_OF_MOVE = MOVE, MOVE, UNCOMFORTABLE_MOVE, ISSUER_REACHED  # by the zone that is entered
-
 Numbers = TypeVar("Numbers", float, Floats)
 T = TypeVar("T")
 P = ParamSpec("P")
-Feedback = tuple[Floats, Floats, Bools]  # see `_feedback`
+
 _STATES_AT_ONCE = 200_000  # states that are compiled together, to save memory
 
 
@@ -202,14 +200,9 @@ def compile_scenario(scenario: Scenario) -> Model:
 
 def _shape(scenario: Scenario) -> tuple[int, int, int, int, int]:
     """Returns how many values each part of a state has."""
-    n_delays, n_cells = 1 + scenario.is_delayed, len(scenario.grid.position)
-    return (
-        len(scenario.layout.standing),
-        len(scenario.layout.ticks),
-        n_delays,
-        scenario.ping_limit,
-        n_cells,
-    )
+    places = len(scenario.layout.standing)
+    ticks = len(scenario.layout.ticks)
+    return places, ticks, 1 + scenario.is_delayed, scenario.ping_limit, len(scenario.grid.position)
 
 
 @lru_cache(maxsize=64)
@@ -220,7 +213,7 @@ def _compile(scenario: Scenario, *_: Callable[[Ping], Any]) -> Model:
     arrays: dict[str, NDArray[Any]] = {}
     step = max(_STATES_AT_ONCE // n_block, 1)
     for first in range(0, n_places, step):
-        part = _compile_places(scenario, feedback, np.arange(first, min(first + step, n_places)))
+        part = _compile_places(scenario, feedback, range(first, min(first + step, n_places)))
         for name, values in part.items():
             if name not in arrays:
                 arrays[name] = np.zeros((n_places * n_block, *values.shape[1:]), values.dtype)
@@ -231,16 +224,15 @@ def _compile(scenario: Scenario, *_: Callable[[Ping], Any]) -> Model:
     starts = np.ravel_multi_index((place, tick, 0, 0, cell), shape).astype(np.int32)
     novelty = scenario.layout.novelty[place]
     components = _components(scenario, arrays["context"], arrays["cell"], arrays.pop("pings"))
-    observed = (
-        [part.value for part in reversed(components)],
-        [part.size for part in reversed(components)],
-    )
+    slowest_first = components[::-1]
+    sizes = [part.size for part in slowest_first]
+    observation = np.ravel_multi_index([part.value for part in slowest_first], sizes)
     model = Model(
         scenario=scenario,
         starts=starts[novelty == SEEN],
         unseen_starts=starts[novelty == NEW_PLACE],
         new_way_starts=starts[novelty == NEW_WAY],
-        observation=np.ravel_multi_index(*observed).astype(np.int32),
+        observation=observation.astype(np.int32),
         components=components,
         **arrays,
     )
@@ -251,11 +243,12 @@ _compile_large = lru_cache(maxsize=2)(_compile.__wrapped__)  # each takes up to 
 
 
 def _compile_places(
-    scenario: Scenario, feedback: Feedback, places: Ints
+    scenario: Scenario, feedback: Floats, places: range
 ) -> dict[str, NDArray[np.generic]]:
     """Returns the arrays of a model over the states of some places."""
     rows, columns = scenario.grid.size
-    shape, n_phases = _shape(scenario), len(scenario.layout.stages)
+    shape = _shape(scenario)
+    n_phases = len(scenario.layout.stages)
     n_pings, n_cells = shape[3:]
     n_block = math.prod(shape[1:])
     state = np.arange(places[0] * n_block, (places[-1] + 1) * n_block)
@@ -270,7 +263,7 @@ def _compile_places(
     moved = np.where(scenario.grid.is_wall[moved], np.arange(n_cells)[:, None], moved)
     next_cell = np.column_stack([moved[cell], cell])  # (S, A)
     entered = zone_of[context[:, None], next_cell[:, :PING]]
-    move_event = np.array(_EVENT_OF_MOVE)[entered]
+    move_event = np.array([MOVE, MOVE, UNCOMFORTABLE_MOVE, ISSUER_REACHED])[entered]
     ping_event = np.select(
         [zone == TARGET, pings == n_pings - 1], [TARGET_PING, LAST_WRONG_PING], WRONG_PING
     )
@@ -284,9 +277,7 @@ def _compile_places(
     terminated = np.isin(event, [ISSUER_REACHED, TARGET_PING, LAST_WRONG_PING])
 
     # The issuer's part: feedback, and the next tick
-    mean, noise, comes_late = (
-        values[context, pings % values.shape[1], cell] for values in feedback
-    )  # (S,)
+    mean, noise, comes_late = feedback[:, context, pings % feedback.shape[2], cell]  # (S,) each
     issuer_reward, issuer_noise = np.zeros((2, *event.shape))
     issuer_reward[:, PING] = np.where(comes_late, 0.0, mean)
     issuer_noise[:, PING] = noise
@@ -331,7 +322,8 @@ def _components(
     scenario: Scenario, context: Indices, cell: Indices, pings: Indices
 ) -> tuple[Component, ...]:
     """Returns the observed components of states, given (S,) context, cell and wrong PINGs."""
-    position, n_phases = scenario.grid.position, len(scenario.layout.stages)
+    position = scenario.grid.position
+    n_phases = len(scenario.layout.stages)
     counts = {"phase": (context % n_phases, n_phases), "wrong_pings": (pings, scenario.ping_limit)}
 
     def component(name: str) -> Component:
@@ -342,12 +334,11 @@ def _components(
             )
         if name == "issuer":
             return _people(scenario, context)
-        if name == "relative" and scenario.onlookers:
-            return _relative(scenario, context, cell)
         if name in ("offset", "relative"):
-            return _offset(name, scenario, context, cell)
+            return _offsets(name, scenario, context, cell)
         value, size = counts[name]
-        numbers, largest = np.arange(size)[:, None], np.array([max(size - 1, 1)])
+        numbers = np.arange(size)[:, None]
+        largest = np.array([max(size - 1, 1)])
         return Component(name, value, numbers, largest, np.zeros(1, int), numbers, size)
 
     return tuple(map(component, scenario.observe))
@@ -369,82 +360,76 @@ def _farthest(scenario: Scenario) -> Ints:
 
 
 def _people(scenario: Scenario, context: Indices) -> Component:
-    """Returns the component with the cells of the person and the group, and of onlookers."""
-    layout, n, n_phases = scenario.layout, scenario.n_people, len(scenario.layout.stages)
+    """Returns the component with all people's cells: those who count first, unless with badges."""
+    layout = scenario.layout
+    n = scenario.n_people
+    n_phases = len(scenario.layout.stages)
     cells = layout.issuer_cells
     spots = np.searchsorted(cells, layout.standing.reshape(-1, n))  # (J * P, people) among cells
     if n == 1:
-        groups, group = np.arange(len(cells))[:, None], spots[:, 0]
+        groups = np.arange(len(cells))[:, None]
+        group = spots[:, 0]
     else:
-        groups, group = spots[::n_phases], np.arange(len(spots)) // n_phases
-    positions = [*map(tuple, scenario.grid.position[cells].tolist())]
+        groups = spots[::n_phases]
+        group = np.arange(len(spots)) // n_phases
+    position = scenario.grid.position
+    largest = _farthest(scenario)
+    positions = [*map(tuple, position[cells].tolist())]
     shown = np.array(shown_cells(positions, scenario.issuer.permuted, scenario.draw))[groups]
-    if scenario.onlookers:
-        return _crowd(scenario, scenario.onlookers, context // n_phases, shown[group[::n_phases]])
-    return _of_positions("issuer", group[context], shown, _farthest(scenario), groups, len(cells))
-
-
-def _crowd(scenario: Scenario, onlookers: Onlookers, place: Indices, own: Ints) -> Component:
-    """Returns the component with all people's cells: those who count first, unless with badges.
-
-    Given are the place of each state, (S,), and the coordinates that are shown of those who count.
-    """
-    position, layout, n = scenario.grid.position, scenario.layout, scenario.n_people
+    if not scenario.onlookers:
+        return _of_positions("issuer", group[context], shown, largest, groups, len(cells))
     ones = np.concatenate([layout.ways, layout.onlookers], axis=1)  # (J, people) cells
-    numbers, largest, width = position[ones], _farthest(scenario), len(position)
-    numbers[:, :n] = own
-    if onlookers.badge:
+    numbers = position[ones]
+    width = len(position)
+    numbers[:, :n] = shown[group[::n_phases]]
+    if scenario.onlookers.badge:
         order = random_orders(*ones.shape, "badges", scenario.draw)
         counts = (order < n) * 1
         numbers = np.take_along_axis(numbers, order[:, :, None], axis=1)
         numbers = np.concatenate([numbers, counts[:, :, None]], axis=2)
         ones = np.take_along_axis(ones, order, axis=1) + width * counts
-        largest, width = np.append(largest, 1), 2 * width
+        largest = np.append(largest, 1)
+        width = 2 * width
     columns = np.arange(ones.shape[1])
-    return _of_positions(
-        "issuer", place, numbers, largest, ones + width * columns, width * len(columns)
-    )
+    ones = ones + width * columns
+    place = context // n_phases
+    return _of_positions("issuer", place, numbers, largest, ones, width * len(columns))
 
 
-def _offset(name: str, scenario: Scenario, context: Indices, cell: Indices) -> Component:
-    """Returns the component that says where the person and the group stand relative to the agent.
+def _offsets(name: str, scenario: Scenario, where: Indices, cell: Indices) -> Component:
+    """Returns the component that says where people stand relative to the agent.
 
-    The offsets of several people are sorted by their Euclidean distance from the agent, and those
-    that are equally far by rows and columns.
+    With onlookers, "relative" has the cells of all people in their order. Otherwise, the offsets of
+    those who count are sorted by their Euclidean distance from the agent, and those that are
+    equally far by rows and columns. `where` is the context of each state, (S,).
     """
     position = scenario.grid.position
-    standing = scenario.layout.standing.reshape(-1, scenario.n_people)
-    offset = position[standing][:, None] - position[:, None]  # (J * P, C, people, 2)
-    order = (offset**2).sum(axis=3).argsort(axis=2, kind="stable")
-    sorted_offset = np.take_along_axis(offset, order[..., None], axis=2)
-    return _of_offsets(name, scenario, sorted_offset, context, cell)
-
-
-def _relative(scenario: Scenario, context: Indices, cell: Indices) -> Component:
-    """Returns the component of all people's cells, in their order, but relative to the agent."""
-    position, people = scenario.grid.position, _people(scenario, context)
-    seen = people.numbers.reshape(people.size, 1, people.ones.shape[1], -1)
-    offset = seen.repeat(len(position), axis=1)  # (J, C, people, 2 or 3)
-    offset[..., :2] -= position[:, None]
-    return _of_offsets("relative", scenario, offset, people.value, cell)
-
-
-def _of_offsets(
-    name: str, scenario: Scenario, offset: Ints, where: Indices, cell: Indices
-) -> Component:
-    """Returns a component of offsets, and perhaps badges, (where, C, people, 2 or 3)."""
+    if name == "relative" and scenario.onlookers:
+        people = _people(scenario, where)
+        seen = people.numbers.reshape(people.size, 1, people.ones.shape[1], -1)
+        where = people.value
+        offset = seen.repeat(len(position), axis=1)  # (J, C, people, 2 or 3)
+        offset[..., :2] -= position[:, None]
+    else:
+        standing = scenario.layout.standing.reshape(-1, scenario.n_people)
+        offset = position[standing][:, None] - position[:, None]  # (J * P, C, people, 2)
+        order = (offset**2).sum(axis=3).argsort(axis=2, kind="stable")
+        offset = np.take_along_axis(offset, order[..., None], axis=2)
     rows, columns = scenario.grid.size
     n, n_numbers = offset.shape[2:]
     shape = (2 * rows - 1, 2 * columns - 1, 2)[:n_numbers]
     from_0 = offset + np.array([rows - 1, columns - 1, 0])[:n_numbers]
     index = np.ravel_multi_index(tuple(np.moveaxis(from_0, 3, 0)), shape)  # (where, C, people)
-    size, number_at = math.prod(shape), index[:, :, 0]
+    size = math.prod(shape)
+    number_at = index[:, :, 0]
     values = np.arange(size)[:, None]
     if n > 1:  # of the many combinations, only those that occur
         combinations = index.reshape(-1, n)
         first, number = numbered([*combinations.T])
-        number_at, values = number.reshape(number_at.shape), combinations[first]
-    numbers, ones = np.stack(np.unravel_index(values, shape), axis=2), values + size * np.arange(n)
+        number_at = number.reshape(number_at.shape)
+        values = combinations[first]
+    numbers = np.stack(np.unravel_index(values, shape), axis=2)
+    ones = values + size * np.arange(n)
     largest = np.maximum(np.array(shape) - 1, 1)
     return _of_positions(name, number_at[where, cell], numbers, largest, ones, size * n)
 
@@ -454,28 +439,31 @@ def numbered(columns: Sequence[Ints]) -> tuple[Ints, Ints]:
 
     Returns the index of the first row with each number, and the number of each row.
     """
-    key, size = np.zeros(len(columns[0]), dtype=np.int64), 1
+    key = np.zeros(len(columns[0]), dtype=np.int64)
+    size = 1
     for column in columns:
         n_values = int(column.max()) + 1
         if size * n_values >= 2**62:  # as large as integers get
             key = np.unique(key, return_inverse=True)[1]
             size = int(key.max()) + 1
-        key, size = key * n_values + column, size * n_values
+        key = key * n_values + column
+        size = size * n_values
     _, first, number = np.unique(key, return_index=True, return_inverse=True)
     return first, number
 
 
-def _feedback(scenario: Scenario) -> Feedback:
-    """Returns mean, half-width and lateness of a PING's reward, (J * P, W, C), by the nearest.
+def _feedback(scenario: Scenario) -> Floats:
+    """Returns mean, half-width and lateness (0 or 1) of a PING's reward, (3, J * P, W, C).
 
-    W is `ping_limit` if users' functions are given the wrong PINGs so far, else 1. Feedback by
-    distance is relative to the largest distance from a start in the same place.
+    The nearest answers. W is `ping_limit` if users' functions are given the wrong PINGs so far,
+    else 1. Feedback by distance is relative to the largest distance from a start in the same place.
     """
-    layout, position = scenario.layout, scenario.grid.position
-    n_places, n_phases, n = layout.standing.shape
-    answering = [[it for it in others if it.feedback] for others in layout.others]
-    feedback = [scenario.issuer.feedback] * n + [it.feedback for it in answering[0] if it.feedback]
-    others_stand = np.array([[it.position for it in others] for others in answering], int)
+    layout = scenario.layout
+    position = scenario.grid.position
+    n_places, n_phases, _ = layout.standing.shape
+    feedback = [it.feedback for it in scenario.people_in(0, 0) if it.feedback]
+    answering = [[it.position for it in others if it.feedback] for others in layout.others]
+    others_stand = np.array(answering, int)
     others_stand = others_stand.reshape(1, n_phases, -1, 2).repeat(n_places, axis=0)
     stands = np.concatenate([position[layout.standing], others_stand], axis=2)  # (J, P, people, 2)
     place, tick, cell = layout.starts.T
@@ -485,54 +473,49 @@ def _feedback(scenario: Scenario) -> Feedback:
     far = abs(position - stands[:, :, :, None]).sum(axis=4)  # (J, P, people, C), L1 distances
     nearest = far.argmin(axis=2)[:, :, None]  # (J, P, 1, C)
     n_pings = scenario.ping_limit if scenario.own_feedback else 1
-    mean, noise, is_late = np.zeros((3, n_places, n_phases, n_pings, len(position)))
+    rewards = np.zeros((3, n_places, n_phases, n_pings, len(position)))
     for k, its in enumerate(feedback):
-        value: Floats | float = -far[:, :, k, None] / from_start[:, None, k, None, None]
-        width: Floats | float = 0.0
+        low: Floats | float
+        high: Floats | float
         match its:
             case BoundedFeedback(kind="uniform", low=low, high=high):
-                value, width = (low + high) / 2, (high - low) / 2
-            case BoundedFeedback(low=low, high=high):
-                value = np.where(layout.zone[:, :, None] == TARGET, high, low)
+                pass
+            case BoundedFeedback(low=lower, high=higher):
+                low = high = np.where(layout.zone[:, :, None] == TARGET, higher, lower)
             case OwnFeedback():
-                low, high = _own_rewards(
-                    scenario, its, k, nearest == k, far[:, :, k], from_start[:, k]
-                )
-                value, width = (low + high) / 2, (high - low) / 2
+                low, high = _own_rewards(scenario, its, k, nearest, far, from_start)
             case _ if its.kind == "none":
-                value = 0.0
-        for array, values in (
-            (mean, value),
-            (noise, width),
-            (is_late, float(its.kind == "delayed")),
-        ):
-            np.copyto(array, values, where=nearest == k)
-    flat = n_places * n_phases, n_pings, len(position)
-    return mean.reshape(flat), noise.reshape(flat), is_late.reshape(flat).astype(np.bool_)
+                low = high = 0.0
+            case _:
+                low = high = -far[:, :, k, None] / from_start[:, None, k, None, None]
+        values = (low + high) / 2, (high - low) / 2, its.kind == "delayed"
+        for array, value in zip(rewards, values, strict=True):
+            np.copyto(array, value, where=nearest == k)
+    return rewards.reshape(3, -1, n_pings, len(position))
 
 
 def _own_rewards(
     scenario: Scenario,
     feedback: OwnFeedback,
     person: int,
-    is_nearest: Bools,
+    nearest: Ints,
     far: Ints,
     from_start: Ints,
 ) -> Floats:
     """Returns the lowest and highest rewards by a user's function, (2, J, P, ping_limit, C).
 
-    The function is called where the person is nearest, (J, P, 1, C). `far` has the distance of each
-    cell, (J, P, C), and `from_start` that of the farthest start, (J,).
+    The function is called where the person is `nearest`, (J, P, 1, C). `far` has everybody's
+    distance from each cell, (J, P, people, C), and `from_start` from the farthest start, (J,
+    people).
     """
-    layout, n_pings = scenario.layout, scenario.ping_limit
-    rewards = np.zeros((2, *far.shape[:2], n_pings, far.shape[2]))
+    layout = scenario.layout
+    n_pings = scenario.ping_limit
+    rewards = np.zeros((2, *far.shape[:2], n_pings, far.shape[3]))
     can_ping = (layout.zone != ISSUER) & ~scenario.grid.is_wall
-    for j, phase, c in np.argwhere(is_nearest[:, :, 0] & can_ping).tolist():
+    for j, phase, c in np.argwhere((nearest[:, :, 0] == person) & can_ping).tolist():
         its = [it for it in scenario.people_in(j, phase) if it.feedback][person]
-        agent, distances = (
-            divmod(c, scenario.grid.columns),
-            (int(far[j, phase, c]), int(from_start[j])),
-        )
+        agent = divmod(c, scenario.grid.columns)
+        distances = int(far[j, phase, person, c]), int(from_start[j, person])
         where = ZONES[layout.zone[j, phase, c]], layout.stages[phase].name
         seen = partial(Ping, agent, its.position, its.heading, *distances, *where)
         rewards[:, j, phase, :, c] = feedback.answers([*map(seen, range(n_pings))], scenario.name)

@@ -51,21 +51,25 @@ _CENTRED = 2.0  # the largest centred coordinate
 def _check_size(n_observations: int, n_features: int, observation: str) -> None:
     """Refuses, by an InputError, a table of observations that does not fit into memory."""
     if n_observations * n_features > MAX_TABLE:
-        found = f"{n_observations:,} observations of {n_features:,} numbers each"
-        others = "coordinates, centred, factored, planes, index, or one of offsets"
-        accepted = f"at most {MAX_TABLE:,} numbers in all, or a smaller form, such as {others}"
-        raise InputError(f"observation {observation}: {found}; accepted: {accepted}.")
+        raise InputError(
+            f"observation {observation}: {n_observations:,} observations of {n_features:,} numbers "
+            f"each; accepted: at most {MAX_TABLE:,} numbers in all, or a smaller form, such as "
+            "coordinates, centred, factored, planes, index, or one of offsets."
+        )
 
 
 def _check_planes(scenario: Scenario) -> None:
     """Refuses, by an InputError, a scenario that planes cannot show, or SB3 would mistake."""
-    first, shape = scenario.observe[0], planes_shape(scenario)
+    first = scenario.observe[0]
+    shape = planes_shape(scenario)
     where = f"observation planes: {scenario.name} with observe = {json.dumps(scenario.observe)}"
     if first != "agent":
         raise InputError(f'{where}; accepted: cells, so "agent" instead of "{first}".')
     if shape[0] > min(shape[1:]):  # Stable-Baselines3 takes the shortest side for the channels
-        found = f"{where} has {shape[0]} planes of {shape[1]} x {shape[2]} cells"
-        raise InputError(f"{found}; accepted: at least as many rows and columns as planes.")
+        raise InputError(
+            f"{where} has {shape[0]} planes of {shape[1]} x {shape[2]} cells; accepted: at least "
+            "as many rows and columns as planes."
+        )
     _check_size(scenario.n_observations, math.prod(shape), "planes")
 
 
@@ -125,7 +129,8 @@ def _planes(model: Model) -> Bytes:
 
     People stand where the component "issuer" shows them. If they have badges, these say who counts.
     """
-    scenario, o = model.scenario, np.arange(model.n_observations)
+    scenario = model.scenario
+    o = np.arange(model.n_observations)
     _check_planes(scenario)
     table = np.zeros((len(o), *planes_shape(scenario)), np.uint8)
     table[:, _PLANES.index("walls")] = 255 * scenario.grid.is_wall.reshape(scenario.grid.size)

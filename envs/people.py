@@ -92,12 +92,11 @@ class OwnFeedback(Table):
                 reason = "another answer when asked again"
             else:
                 return answers.T.astype(np.float64)
-        numbers = f"a number from {-_MAX_REWARD:,} to {_MAX_REWARD:,}"
-        accepted = f"{numbers}, or a pair of them, the lowest and the highest"
-        where = (
-            f"{source}: feedback.kind {shortened(self.kind)}: for a PING in {list(pings[0].agent)}"
+        raise InputError(
+            f"{source}: feedback.kind {shortened(self.kind)}: for a PING in "
+            f"{list(pings[0].agent)}: {reason}; accepted: a number from "
+            f"{-_MAX_REWARD:,} to {_MAX_REWARD:,}, or a pair of them, the lowest and the highest."
         )
-        raise InputError(f"{where}: {reason}; accepted: {accepted}.")
 
 
 def _kind(value: Any) -> Any:
@@ -213,11 +212,8 @@ class Group(Table):
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
-        require(
-            self.apart[0] <= self.apart[1],
-            f"apart = {list(self.apart)}",
-            "the smallest distance first",
-        )
+        least, most = self.apart
+        require(least <= most, f"apart = {[least, most]}", "the smallest distance first")
         return self
 
 
@@ -259,8 +255,7 @@ class Person(Table):
 
     @model_validator(mode="after")
     def _is_sound(self) -> Self:
-        is_bystander = self.regions is None
-        is_whole = (self.feedback is None) == is_bystander
+        is_whole = (self.feedback is None) == (self.regions is None)
         require(is_whole, "regions, feedback", "both, or neither (a bystander)")
         is_ring = self.regions is not None and isinstance(self.regions.target, Ring)
         require(not is_ring, 'regions.target.kind = "ring"', "square, circle or egg")

@@ -4,6 +4,7 @@ The C cells are numbered `row * columns + column`. A region holds every cell who
 its shape.
 """
 
+from itertools import product
 from typing import Annotated, Literal, Self
 
 import numpy as np
@@ -180,7 +181,8 @@ class Regions(Table):
 
     @model_validator(mode="after")
     def _nested(self) -> Self:
-        inner, outer = self.uncomfortable_radius, self.target_radius
+        inner = self.uncomfortable_radius
+        outer = self.target_radius
         given = tuple(
             value is not None for value in (inner, outer, self.uncomfortable, self.target)
         )
@@ -188,11 +190,8 @@ class Regions(Table):
             keys = "uncomfortable_radius and target_radius"
             raise ValueError(f"accepted: the keys {keys}, or the tables uncomfortable and target")
         if inner is not None and outer is not None:
-            require(
-                outer > inner,
-                f"target_radius = {outer}",
-                f"more than uncomfortable_radius = {inner}",
-            )
+            accepted = f"more than uncomfortable_radius = {inner}"
+            require(outer > inner, f"target_radius = {outer}", accepted)
             require(self.unit == "cells", 'unit = "metres"', '"cells", since radii are in cells')
         is_around = isinstance(self.uncomfortable, Ring)
         require(not is_around, 'uncomfortable.kind = "ring"', "square, circle or egg")
@@ -215,7 +214,8 @@ def zones(regions: Regions, heading: Heading, cell: Cell, grid: Grid) -> Codes:
     """Returns the zone of every cell around a person, (C,) index into ZONES."""
     down, right = (grid.position - cell).T * regions.cell_width(grid)
     row, column = HEADINGS[heading]
-    ahead, aside = down * row + right * column, right * -row + down * column
+    ahead = down * row + right * column
+    aside = right * -row + down * column
     inner, outer = (_holds(shape, ahead, aside) for shape in regions.shapes)
     inside = [(down == 0) & (right == 0), inner, outer]
     return np.select(inside, [ISSUER, UNCOMFORTABLE, TARGET], OUTSIDE).astype(np.int8)
@@ -255,14 +255,14 @@ def _holds(shape: AnyShape, ahead: Floats, aside: Floats) -> Bools:
 
 def connected(cells: Bools, free: Bools) -> Bools:
     """Returns which free cells connect with one of `cells`; all are (grids, rows, columns)."""
-    reached, before = cells & free, np.zeros_like(free)
-    while (reached != before).any():
-        before, padded = reached, np.pad(reached, ((0, 0), (1, 1), (1, 1)))
-        beside = (
-            padded[:, 2:, 1:-1] | padded[:, :-2, 1:-1] | padded[:, 1:-1, 2:] | padded[:, 1:-1, :-2]
-        )
-        reached = (reached | beside) & free
-    return reached
+    margin = (0, 0), (0, 1), (0, 1)  # not free, so rolling does not connect opposite sides
+    free = np.pad(free, margin)
+    reached = np.pad(cells, margin) & free
+    n_reached = -1
+    while n_reached < (n_reached := reached.sum()):
+        for step, axis in product((-1, 1), (1, 2)):
+            reached |= np.roll(reached, step, axis) & free
+    return reached[:, :-1, :-1]
 
 
 def target_distance(regions: Regions, cell: Cell, size: tuple[int, int]) -> Ints:
@@ -274,7 +274,8 @@ def target_distance(regions: Regions, cell: Cell, size: tuple[int, int]) -> Ints
         raise InputError("regions: the distance from the target region needs radii.")
     row, column = np.indices(size).reshape(2, -1)
     distance = np.maximum(abs(row - cell[0]), abs(column - cell[1]))
-    outside, within = distance - regions.target_radius, regions.uncomfortable_radius + 1 - distance
+    outside = distance - regions.target_radius
+    within = regions.uncomfortable_radius + 1 - distance
     return np.asarray(np.maximum(np.maximum(outside, within), 0))
 
 
@@ -293,20 +294,20 @@ def outlines(inside: Bools) -> tuple[Loop, ...]:
                 edges.add((row + down, column + right, ahead))
     loops = []
     while edges:
-        row, column, first = min(edges)
-        loop, before = list[Corner](), (first + 3) % 4
-        # Two edges begin where cells touch only at a corner: the line turns right and follows its
-        # cell.
-        while ways := [way for way in _turns(before) if (row, column, way) in edges]:
-            ahead = ways[0]
+        row, column, ahead = min(edges)
+        loop = list[Corner]()
+        before = ahead + 3
+        while (row, column, ahead) in edges:
             edges.remove((row, column, ahead))
             if ahead != before:
                 loop.append((row, column))
-            row, column, before = row + _DIRECTIONS[ahead][0], column + _DIRECTIONS[ahead][1], ahead
+            before = ahead
+            row += _DIRECTIONS[ahead][0]
+            column += _DIRECTIONS[ahead][1]
+            # Two edges begin where cells touch only at a corner: the line turns right and follows
+            # its cell.
+            for turn in (3, 0, 1):
+                if (row, column, (before + turn) % 4) in edges:
+                    ahead = (before + turn) % 4
         loops.append(tuple(loop))
     return tuple(loops)
-
-
-def _turns(ahead: int) -> tuple[int, int, int]:
-    """Returns the directions to the right, straight on and to the left."""
-    return (ahead + 1) % 4, ahead, (ahead + 3) % 4

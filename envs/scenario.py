@@ -9,8 +9,8 @@ import json
 import math
 from collections import Counter
 from collections.abc import Mapping
-from functools import cached_property, lru_cache
-from itertools import chain, pairwise
+from functools import cached_property, lru_cache, partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args
 
@@ -107,14 +107,16 @@ class Scenario(Table):
 
     def people_in(self, place: int, phase: int) -> tuple[Person, ...]:
         """Returns the issuer with its group, and the others, in a place and phase."""
-        stage, cells = self.layout.stages[phase], self.layout.standing[place, phase]
-        heading, regions = stage.heading or self.issuer.heading, stage.regions or self.regions
-        new, feedback = Person.model_construct, self.issuer.feedback
-        same: dict[str, Any] = {"heading": heading, "regions": regions, "feedback": feedback}
+        stage = self.layout.stages[phase]
+        cells = self.layout.standing[place, phase]
+        member = partial(
+            Person.model_construct,
+            heading=stage.heading or self.issuer.heading,
+            regions=stage.regions or self.regions,
+            feedback=self.issuer.feedback,
+        )
         positions = map(tuple, self.grid.position[cells].tolist())
-        return *(new(position=position, **same) for position in positions), *self.layout.others[
-            phase
-        ]
+        return *(member(position=each) for each in positions), *self.layout.others[phase]
 
     def drawn(self, draw: int) -> Self:
         """Returns the scenario with another draw; itself if it draws nothing."""
@@ -151,10 +153,8 @@ class Scenario(Table):
 
     @property
     def _regions(self) -> list[Regions]:  # those of all people, in all phases
-        further = chain(
-            (person.regions for person in self.others), (phase.regions for phase in self.phases)
-        )
-        return [regions for regions in (self.regions, *further) if regions]
+        owners: list[Any] = [self, *self.others, *self.phases]
+        return [owner.regions for owner in owners if owner.regions]
 
     @property
     def is_delayed(self) -> bool:
@@ -174,52 +174,51 @@ class Scenario(Table):
     def _is_sound(self) -> Self:
         ordered = tuple(name for name in COMPONENTS if name in self.observe)
         observe = f"observe = {list(self.observe)}"
-        accepted = "agent, offset or relative, and others at most once each, in the order "
-        accepted += f"{list(COMPONENTS)}"
         has_one = len({*ordered} & {"agent", "offset", "relative"}) == 1
-        require(has_one and self.observe == ordered, observe, accepted)
-        is_in_cells = all(regions.unit == "cells" for regions in self._regions)
-        accepted = '"cells", unless grid.metres_per_cell is given'
         require(
-            is_in_cells or self.grid.metres_per_cell is not None,
-            'regions.unit = "metres"',
-            accepted,
+            has_one and self.observe == ordered,
+            observe,
+            "agent, offset or relative, and others at most once each, in the order "
+            f"{list(COMPONENTS)}",
         )
-        is_ring = any(isinstance(regions.target, Ring) for regions in self._regions)
-        require(
-            not is_ring or self.group is not None, 'target.kind = "ring"', "a ring around a [group]"
-        )
+        for regions in self._regions:
+            has_unit = regions.unit == "cells" or self.grid.metres_per_cell is not None
+            accepted = '"cells", unless grid.metres_per_cell is given'
+            require(has_unit, 'regions.unit = "metres"', accepted)
+        for regions in self._regions:
+            has_centre = self.group is not None or not isinstance(regions.target, Ring)
+            require(has_centre, 'target.kind = "ring"', "a ring around a [group]")
         self._check_phases()
         self._check_walks()
         self._check_cells()
         self._check_sizes()
         self._check_starts()
-        n, accepted = self.n_observations, f"at most {MAX_STATES}"
-        require(n <= MAX_STATES, f"{observe}: {n} observations", accepted)
+        n = self.n_observations
+        require(n <= MAX_STATES, f"{observe}: {n} observations", f"at most {MAX_STATES}")
         return self
 
     def _check_phases(self) -> None:
         inputs.distinct(tuple(phase.name for phase in self.phases), "phases: name ")
         for i, phase in enumerate(self.phases):
-            where, chances, is_timed = f"phases.{i}", phase.next or {}, phase.next is None
+            where = f"phases.{i}"
+            chances = phase.next or {}
+            is_timed = phase.next is None
             is_alike = (phase.steps is not None) == is_timed == (self.phases[0].next is None)
             require(
                 is_alike, f"{where} ({phase.name})", "steps in every phase, or next in every phase"
             )
             others = [other.name for other in self.phases if other is not phase]
             for name in chances:
-                accepted = ", ".join(others) or "no phase"
-                require(name in others, f"{where}.next: {name} is not another phase", accepted)
+                found = f"{where}.next: {name} is not another phase"
+                require(name in others, found, ", ".join(others) or "no phase")
             total = math.fsum(chances.values())
             require(total <= 1 + 1e-9, f"{where}.next: the sum {total:g}", "at most 1")
 
     def _check_walks(self) -> None:
-        walking, position = walkers(self.issuer, self.others), self.issuer.position
-        require(
-            not walking or not self.phases,
-            f"{next(iter(walking), '')}.walk and phases",
-            "one of them",
-        )
+        walking = walkers(self.issuer, self.others)
+        position = self.issuer.position
+        for key in walking:
+            require(not self.phases, f"{key}.walk and phases", "one of them")
         is_moved = self.issuer.walk or any(phase.position is not None for phase in self.phases)
         if is_moved:
             moved_by = "issuer.walk" if self.issuer.walk else "phases with positions"
@@ -230,11 +229,8 @@ class Scenario(Table):
             for first, last in pairwise([first_cell, *walk.corners, first_cell]):
                 is_straight = (first[0] == last[0]) != (first[1] == last[1])
                 where = f"{key}.walk.corners: from {json.dumps(first)} to {json.dumps(last)}"
-                require(
-                    is_straight,
-                    where,
-                    "another cell of the same row or column, also on the way back",
-                )
+                accepted = "another cell of the same row or column, also on the way back"
+                require(is_straight, where, accepted)
                 self._check_floor(f"{key}.walk.corners", last)
         if is_moved or walking:
             where = 'feedback.kind = "delayed" with someone who moves'
@@ -243,9 +239,8 @@ class Scenario(Table):
             n = math.lcm(*(walk.steps * len(walk.route(at)) for at, walk in walking.values()))
             where = f"{', '.join(walking)}: it takes {n:,} steps until everybody is back"
             most = _MAX_STATES_OF_PLACE // (len(self.grid.position) * self.ping_limit)
-            require(
-                n <= most, where, f"at most {most:,}, with so many cells and so large a ping_limit"
-            )
+            accepted = f"at most {most:,}, with so many cells and so large a ping_limit"
+            require(n <= most, where, accepted)
 
     def _check_cells(self) -> None:
         spots = {
@@ -265,21 +260,19 @@ class Scenario(Table):
             own = listed(stage.position or self.issuer.position)
             n_people = Counter([*own, *(person.position for person in people)])
             for cell, n in n_people.items():
-                require(
-                    n == 1, f"two people at once in {json.dumps(cell)}", "other positions or walks"
-                )
+                where = f"two people at once in {json.dumps(cell)}"
+                require(n == 1, where, "other positions or walks")
 
     def _check_floor(self, key: str, cell: Cell) -> None:
         (row, column), (rows, columns) = cell, self.grid.size
-        where, accepted = (
-            f"{key} = {json.dumps(cell)}",
-            f"rows 0 to {rows - 1}, columns 0 to {columns - 1}",
-        )
+        where = f"{key} = {json.dumps(cell)}"
+        accepted = f"rows 0 to {rows - 1}, columns 0 to {columns - 1}"
         require(0 <= row < rows and 0 <= column < columns, f"{where} is off the grid", accepted)
         require(not self.grid.is_wall[self.grid.index(cell)], f"{where} is a wall", "another cell")
 
     def _check_sizes(self) -> None:
-        issuer, crowd = self.issuer, self.onlookers
+        issuer = self.issuer
+        crowd = self.onlookers
         stages, others_at = timeline(issuer, self.others, self.phases)
         n_ticks = sum(stage.steps or 1 for stage in stages)
         n_states = len(self.grid.position) * self.ping_limit * n_ticks * (1 + self.is_delayed)
@@ -304,7 +297,9 @@ class Scenario(Table):
         require(n <= MAX_STATES, where, f"at most {MAX_STATES}")
 
     def _check_starts(self) -> None:
-        every, group, position = self._every_way, self.group, self.issuer.position
+        every = self._every_way
+        group = self.group
+        position = self.issuer.position
         if group is not None:
             where = f"group: nowhere do {group.people} people stand {list(group.apart)} apart"
             require(len(every.ways) > 0, where, "another range of group.apart, or more cells")
@@ -312,24 +307,21 @@ class Scenario(Table):
             is_start = bool(every.is_start[:, :, self.grid.index(cell)].any())
             accepted = "a cell outside every region, from which a way leads to a target region"
             require(is_start, f"grid.start = {json.dumps(cell)}", accepted)
-        own = [] if group else listed(position)
-        unused = [
-            place for place, free in zip(own, every.has_start.tolist(), strict=False) if not free
-        ]
-        where = f"issuer.position = {json.dumps(unused[0] if unused else position)}"
-        where += " leaves no start that is outside every region and has a way to a target region"
-        accepted = "other cells, smaller regions, fewer walls, or another grid.start"
-        require(bool(every.has_start.any()) and not unused, where, accepted)
-        n, unseen, most = self.issuer.places, self.issuer.unseen, int(every.has_start.sum())
+        free = zip([] if group else listed(position), every.has_start.tolist(), strict=False)
+        unused = [place for place, has_start in free if not has_start]
         require(
-            n is not None or not unseen, f"issuer.unseen = {unseen}", "0, or issuer.places as well"
+            bool(every.has_start.any()) and not unused,
+            f"issuer.position = {json.dumps(unused[0] if unused else position)}"
+            " leaves no start that is outside every region and has a way to a target region",
+            "other cells, smaller regions, fewer walls, or another grid.start",
         )
-        where = f"issuer.places = {n} with issuer.unseen = {unseen}"
-        require(
-            (n or 0) + unseen <= most,
-            where,
-            f"at most {most} together, the ways in which people can stand",
-        )
+        n = self.issuer.places
+        unseen = self.issuer.unseen
+        most = int(every.has_start.sum())
+        where = f"issuer.unseen = {unseen}"
+        require(n is not None or not unseen, where, "0, or issuer.places as well")
+        accepted = f"at most {most} together, the ways in which people can stand"
+        require((n or 0) + unseen <= most, f"issuer.places = {n} with {where}", accepted)
 
 
 ScenarioLike = str | Path | Scenario | Mapping[str, object]
@@ -368,7 +360,8 @@ def load_scenario(
         return inputs.parse(Scenario, inputs.override(scenario, overrides or {}, source), source)
     path = Path(scenario)
     if path.suffix != ".toml":
-        path, names = SCENARIO_DIRECTORY / f"{scenario}.toml", scenario_names()
+        path = SCENARIO_DIRECTORY / f"{scenario}.toml"
+        names = scenario_names()
         if str(scenario) not in names:
             inputs.unknown_name(
                 "scenarios", "scenario", str(scenario), names, "the path of a .toml file"

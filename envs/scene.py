@@ -103,8 +103,7 @@ class Scene:
 
     def as_json(self) -> dict[str, object]:
         """Returns what the page's script draws; a zone is its number in `ZONES`."""
-        circle = {"circle": self.circle} if self.circle else {}
-        return circle | {
+        return ({"circle": self.circle} if self.circle else {}) | {
             "zone": "".join(str(ZONES.index(zone)) for zone in self.zone),
             "outlines": [*self.outlines.values()],
             "glyphs": [
@@ -116,8 +115,10 @@ class Scene:
 @kept_with_model
 def scene_of(model: Model, context: int = 0) -> Scene:
     """Returns the map of a model's cells in one position and phase, see `Model.context`."""
-    scenario, layout = model.scenario, model.scenario.layout
-    grid, states = scenario.grid, model.states_of(context)
+    scenario = model.scenario
+    layout = model.scenario.layout
+    grid = scenario.grid
+    states = model.states_of(context)
     zone = model.zone[states].reshape(grid.size)
     position, phase = divmod(context, len(layout.stages))
     people = [

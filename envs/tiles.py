@@ -13,16 +13,13 @@ Axis letters: O observations, V sets of positions.
 """
 
 from collections.abc import Sequence
-from typing import Literal, NamedTuple, TypeVar
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from envs.arrays import Indices, Ints
 from envs.inputs import InputError
 from envs.model import Model, kept_with_model, numbered
-from envs.scenario import Scenario
-
-T = TypeVar("T")
 
 MAX_FEATURES = 5_000_000  # features of all observations; training takes up to 160 bytes of each
 MAX_ROWS = 40_000_000  # entries of `Tiles.rows`, and of `Tiles.tiles`
@@ -40,14 +37,6 @@ class Tiles(NamedTuple):
 def _check(n_each: int, n: int, most: int, found: str) -> None:
     if n * n_each > most:
         raise InputError(f"{found} for {n:,} observations; accepted: at most {most:,} in all.")
-
-
-def _sets(positions: Sequence[T], scenario: Scenario, parts: Parts) -> list[tuple[T, ...]]:
-    """Returns which positions are tiled together; an agent's comes first."""
-    if parts == "joint":
-        return [tuple(positions)]
-    n_agents = int(scenario.observe[0] == "agent")
-    return [(*positions[:n_agents], person) for person in positions[n_agents:]]
 
 
 @kept_with_model
@@ -72,35 +61,33 @@ def tiles_of(model: Model, n_tilings: int, width: int, parts: Parts = "joint") -
             ]
         else:
             others.append(value)
-    sets, n_observations = _sets(positions, model.scenario, parts), model.n_observations
-    if len(sets) < 2:
-        _check(
-            n_tilings, n_observations, MAX_FEATURES, f"n_tilings = {n_tilings}: a feature of each"
-        )
+    n_observations = model.n_observations
+    each = f"n_tilings = {n_tilings}: a feature of each"
+    n_agents = int(model.scenario.observe[0] == "agent")
+    sets = [[*positions[:n_agents], person] for person in positions[n_agents:]]
+    if parts == "joint" or len(sets) < 2:
+        _check(n_tilings, n_observations, MAX_FEATURES, each)
         tiles = _tile(*_joined(positions), others, n_tilings, width)
         return Tiles(np.arange(n_observations, dtype=np.int32)[:, None], tiles)
     _check(len(sets), n_observations, MAX_ROWS, f"parts = {parts}: {len(sets)} sets of positions")
-    rows, tables = np.empty((n_observations, len(sets)), dtype=np.int32), []
+    rows = np.empty((n_observations, len(sets)), dtype=np.int32)
+    tables = []
     n_rows = n_tiles = 0
     n_alike = len(sets) if parts == "shared_pairs" else 1  # sets that have the same tiles
     for v in range(0, len(sets), n_alike):
-        alike = [_joined(each) for each in sets[v : v + n_alike]]
-        cells, per_cell = np.concatenate([cells for cells, _ in alike]), alike[0][1]
+        alike = [*map(_joined, sets[v : v + n_alike])]
+        cells = np.concatenate([cells for cells, _ in alike])
+        per_cell = alike[0][1]
         further = [np.tile(value, n_alike) for value in others]
         first, number = numbered([*cells.T, *further])
         tiles = _tile(cells[first], per_cell, [value[first] for value in further], n_tilings, width)
         tables.append(n_tiles + tiles)
         rows[:, v : v + n_alike] = n_rows + number.reshape(n_alike, -1).T
-        n_rows, n_tiles = n_rows + len(first), int(tables[-1].max()) + 1
-        _check(
-            n_tilings,
-            n_rows,
-            MAX_ROWS,
-            f"parts = {parts}, n_tilings = {n_tilings}: a feature of each",
-        )
-        _check(
-            1, n_tiles, MAX_FEATURES, f"parts = {parts}, tile_width = {width}: {n_tiles:,} features"
-        )
+        n_rows = n_rows + len(first)
+        n_tiles = int(tables[-1].max()) + 1
+        _check(n_tilings, n_rows, MAX_ROWS, f"parts = {parts}, {each}")
+        found = f"parts = {parts}, tile_width = {width}: {n_tiles:,} features"
+        _check(1, n_tiles, MAX_FEATURES, found)
     return Tiles(rows, np.concatenate(tables))
 
 
@@ -113,9 +100,12 @@ def _tile(
     cells: Ints, per_cell: Ints, others: Sequence[Ints], n_tilings: int, width: int
 ) -> Indices:
     """Tiles positions jointly; returns each observation's tiles, (O, n_tilings)."""
-    exact, cells, unit = cells[:, per_cell == 0], cells[:, per_cell > 0], per_cell[per_cell > 0]
+    exact = cells[:, per_cell == 0]
+    cells = cells[:, per_cell > 0]
+    unit = per_cell[per_cell > 0]
     odd = 2 * np.arange(cells.shape[1]) + 1
-    tiles, n_tiles = np.empty((len(cells), n_tilings), dtype=np.int32), 0
+    tiles = np.empty((len(cells), n_tilings), dtype=np.int32)
+    n_tiles = 0
     for t in range(n_tilings):
         # Whole numbers avoid rounding: everything is multiplied by n_tilings.
         tile = (cells * n_tilings + t * odd % n_tilings * width * unit) // (

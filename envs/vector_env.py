@@ -42,8 +42,10 @@ class ProxemicVectorEnv(SyncVectorEnv):
             given["max_episode_steps"] = limit, 10**9
         for name, (number, most) in given.items():
             if not (isinstance(number, int | np.integer) and 1 <= number <= most):
-                accepted = f"a whole number from 1 to {most:,}"
-                raise InputError(f"{name} = {shortened(repr(number))}; accepted: {accepted}.")
+                raise InputError(
+                    f"{name} = {shortened(repr(number))}; accepted: a whole number from 1 to "
+                    f"{most:,}."
+                )
         first = ProxemicEnv(scenario, observation, overrides, render_mode)
 
         def made() -> ProxemicEnv | TimeLimit[object, int]:

@@ -11,7 +11,17 @@ import numpy as np
 from numba import njit
 
 from agents.compiled import compiled
-from agents.process import N_ACTIONS, STEP, Process, U, draw_start, draw_step, draw_word, keep_step
+from agents.process import (
+    N_ACTIONS,
+    STEP,
+    Process,
+    U,
+    draw_start,
+    draw_step,
+    draw_word,
+    keep_step,
+    stream_of,
+)
 from agents.tabular.kernel import (
     MIN_TRACE,
     Constants,
@@ -70,7 +80,8 @@ def _learn(
             renewed[U(feature) * U(N_ACTIONS) + a] = step
     n_kept = 0
     for i in range(n_traces):
-        strength, weight = decay * strengths[i], U(traced[i])
+        strength = decay * strengths[i]
+        weight = U(traced[i])
         if strength >= MIN_TRACE and renewed[weight] != step:
             traced[n_kept], strengths[n_kept] = weight, strength
             flat[weight] += change * strength
@@ -103,7 +114,9 @@ def _pass_back(
             value = 0.0
             if not terminates:
                 value = q[0, a] if is_on_policy else q.max()
-            o, a, terminates = step.o, step.a, False
+            o = step.o
+            a = step.a
+            terminates = False
             _add_up(weights, features, o, q, 0)
             change = learning_rate * (step.reward + constants.discount * value - q[0, a])
             for row in features.rows[o]:
@@ -136,14 +149,17 @@ def train(
     ) = constants
     budget, _, _, points, map_index = plan
     explore_below = U(round(epsilon * 2**32))
-    tiles, fading = features.tiles, discount * decay
-    n_active, n_features = features.rows.shape[1] * tiles.shape[1], tiles.max() + 1
+    tiles = features.tiles
+    fading = discount * decay
+    n_active = features.rows.shape[1] * tiles.shape[1]
+    n_features = tiles.max() + 1
     # Traces last for an episode, and a weight has at most one for each set of positions.
     n_most = n_active * min(time_limit, n_features * N_ACTIONS // tiles.shape[1] + 1)
     for n in range(len(streams)):
-        stream = (streams[n, 0], streams[n, 1], streams[n, 2], streams[n, 3])
+        stream = stream_of(streams[n])
         weights = np.full((n_features, N_ACTIONS), initial_value / n_active)
-        traced, strengths = np.empty(n_most, np.int64), np.empty(n_most)
+        traced = np.empty(n_most, np.int64)
+        strengths = np.empty(n_most)
         renewed = np.full(n_features * N_ACTIONS, -1)
         kept = np.empty(time_limit if constants.backward_passes else 0, STEP)
         masks = np.empty(n_observations, np.int64)  # masks of greedy actions
@@ -198,13 +214,15 @@ def train(
             episode_steps += 1
             begins = outcome.terminates or episode_steps == time_limit
             if begins:
-                steps, last = kept[:episode_steps], (o_next, a_next, outcome.terminates)
+                steps = kept[:episode_steps]
+                last = (o_next, a_next, outcome.terminates)
                 _pass_back(weights, features, steps, constants, is_on_policy, learning_rate, last)
                 state, stream = draw_start(starts, stream)
                 o = U(observation[state])
                 episode_steps = 0
             else:
-                state, o = state + U(outcome.state_change), o_next
+                state = state + U(outcome.state_change)
+                o = o_next
             a = a_next
             _add_up(weights, features, o, q, 0)
         _tabulate(weights, features, takes_lowest, results.q[n], masks)

@@ -16,7 +16,7 @@ from agents.contract import Training
 from agents.linear.kernel import train
 from agents.process import process_of
 from agents.tabular.learner import TraceSettings, ValueAlgorithm
-from envs.model import ACTIONS, Model
+from envs import ACTIONS, Model
 from envs.observations import ENCODINGS, N_TILINGS, TILE_WIDTH, observation_ones
 from envs.tiles import Parts, Tiles, tiles_of
 

@@ -9,6 +9,7 @@ are of float32, or float64 in tests.
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -45,21 +46,19 @@ def _block(n_rows: int) -> Callable[..., None]:
     def block(
         _: typing.Context, operands: types.BaseTuple
     ) -> tuple[typing.Signature, Callable[..., ir.Value]]:
-        return types.void(operands), lambda context, builder, signature, values: _build(
-            context, builder, signature.args[0], cgutils.unpack_tuple(builder, values[0]), n_rows
-        )
+        return types.void(operands), partial(_build, n_rows)
 
     return block  # type: ignore[no-any-return]
 
 
 def _build(
+    n_rows: int,
     context: BaseContext,
     builder: ir.IRBuilder,
-    kinds: types.BaseTuple,
-    values: list[ir.Value],
-    n_rows: int,
+    signature: typing.Signature,
+    arguments: list[ir.Value],
 ) -> ir.Value:
-    """Writes the instructions of `_block` for the operands of `multiply`, whose types are `kinds`.
+    """Writes the instructions of `_block` for the operands of `multiply`.
 
     numba cannot say that a product and a sum are rounded once. In C, with vectors of `LANES`
     numbers:
@@ -69,16 +68,20 @@ def _build(
             for (r...) total[r] = fma(a[r * a_row + k * a_inner], b[k * b_inner ...], total[r]);
         for (r...) c[r * c_row ...] = total[r];
     """
+    kinds = signature.args[0]
+    values = cgutils.unpack_tuple(builder, arguments[0])
     start, a, b, c = (
         builder.gep(context.make_array(kinds[i])(context, builder, values[i]).data, [values[i + 1]])
         for i in (0, 2, 6, 9)
     )
     a_row, a_inner, b_inner, c_row, n_inner = (values[i] for i in (4, 5, 8, 11, 12))
-    number, index = context.get_data_type(kinds[0].dtype), ir.IntType(64)
-    vector, n_bytes = ir.VectorType(number, LANES), kinds[0].dtype.bitwidth // 8
-    signature = ir.FunctionType(vector, [vector] * 3)
-    name = f"llvm.fma.v{LANES}f{8 * n_bytes}"
-    fma = cgutils.get_or_insert_function(builder.module, signature, name)
+    number = context.get_data_type(kinds[0].dtype)
+    index = ir.IntType(64)
+    vector = ir.VectorType(number, LANES)
+    n_bytes = kinds[0].dtype.bitwidth // 8
+    fma = builder.module.declare_intrinsic(
+        f"llvm.fma.v{LANES}f{8 * n_bytes}", fnty=ir.FunctionType(vector, [vector] * 3)
+    )
     undefined = ir.Constant(vector, ir.Undefined)
     all_first = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
 
@@ -90,34 +93,23 @@ def _build(
 
     rows = [at(a, index(r), a_row) for r in range(n_rows)]
     first = builder.load(vector_at(start), align=n_bytes)
-    before, loop, after = builder.block, builder.append_basic_block(), builder.append_basic_block()
-    builder.branch(loop)
-
-    builder.position_at_end(loop)
-    k = builder.phi(index)
-    totals = [builder.phi(vector) for _ in rows]
-    factors = builder.load(vector_at(at(b, k, b_inner)), align=n_bytes)
-    sums = []
-    for row, total in zip(rows, totals, strict=True):
-        factor = builder.insert_element(
-            undefined, builder.load(at(row, k, a_inner)), ir.IntType(32)(0)
-        )
-        repeated = builder.shuffle_vector(factor, undefined, all_first)
-        sums.append(builder.call(fma, [repeated, factors, total]))
-        total.add_incoming(first, before)
-        total.add_incoming(sums[-1], loop)
-    next_k = builder.add(k, index(1))
-    k.add_incoming(index(0), before)
-    k.add_incoming(next_k, loop)
-    builder.cbranch(builder.icmp_signed("<", next_k, n_inner), loop, after)
-
-    builder.position_at_end(after)
-    for r, total in enumerate(sums):
-        builder.store(total, vector_at(at(c, index(r), c_row)), align=n_bytes)
+    totals = [cgutils.alloca_once_value(builder, first) for _ in rows]  # registers, once optimised
+    with cgutils.for_range(builder, n_inner) as loop:
+        factors = builder.load(vector_at(at(b, loop.index, b_inner)), align=n_bytes)
+        for row, total in zip(rows, totals, strict=True):
+            number = builder.load(at(row, loop.index, a_inner))
+            factor = builder.insert_element(undefined, number, ir.IntType(32)(0))
+            repeated = builder.shuffle_vector(factor, undefined, all_first)
+            sums = builder.call(fma, [repeated, factors, builder.load(total)])
+            builder.store(sums, total)
+    for r, total in enumerate(totals):
+        builder.store(builder.load(total), vector_at(at(c, index(r), c_row)), align=n_bytes)
     return context.get_dummy_value()
 
 
-_six, _two, _one = _block(_ROWS), _block(2), _block(1)
+_six = _block(_ROWS)
+_two = _block(2)
+_one = _block(1)
 
 
 @inlined
@@ -182,9 +174,11 @@ def log(x: float) -> float:
     """
     m, n = math.frexp(x)
     if m < 0.7071067811865476:
-        m, n = 2.0 * m, n - 1
+        m = 2.0 * m
+        n = n - 1
     f = (m - 1.0) / (m + 1.0)
-    square, total = f * f, 0.0
+    square = f * f
+    total = 0.0
     for coefficient in _ARTANH:
         total = total * square + coefficient
     return n * 0.6931471805599453 + 2.0 * f * total

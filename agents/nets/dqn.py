@@ -70,7 +70,8 @@ def exploration_rate(constants: Constants, n_steps: int) -> float:
     if n_steps == 0:  # as in Stable-Baselines3, which sets the rate after each step
         return 0.0
     progress = 1.0 - (1.0 - n_steps / constants.budget)  # rounded as in Stable-Baselines3
-    first, last = constants.exploration_initial_eps, constants.exploration_final_eps
+    first = constants.exploration_initial_eps
+    last = constants.exploration_final_eps
     if progress > constants.exploration_fraction:
         return last
     return first + progress * (last - first) / constants.exploration_fraction
@@ -78,7 +79,8 @@ def exploration_rate(constants: Constants, n_steps: int) -> float:
 
 @compiled
 def _advance(agent: Dqn, until: int) -> None:
-    constants, envs = agent.constants, agent.envs
+    constants = agent.constants
+    envs = agent.envs
     while envs.n_steps[0] < until:
         for _ in range(constants.train_freq):
             _act(agent)
@@ -97,8 +99,11 @@ def _act(agent: Dqn) -> None:
     As in Stable-Baselines3, one draw decides whether all envs explore, and the first of several
     best actions is greedy.
     """
-    replay, envs, observed = agent.replay, agent.envs, agent.net.observed
-    n_envs, first = len(envs.state), envs.n_steps[0] % len(replay.reward)
+    replay = agent.replay
+    envs = agent.envs
+    observed = agent.net.observed
+    n_envs = len(envs.state)
+    first = envs.n_steps[0] % len(replay.reward)
     explores = draw(envs.stream) < exploration_rate(agent.constants, envs.n_steps[0])
     for e in range(n_envs):
         observed[e] = envs.process.observation[envs.state[e]]
@@ -116,8 +121,11 @@ def _act(agent: Dqn) -> None:
 @inlined
 def _synchronise(agent: Dqn) -> None:
     """Moves the target net towards the net by a share."""
-    values, target, tau = agent.parameters.values, agent.target, agent.constants.tau
-    kept, share = like(values, 1.0 - tau), like(values, tau)
+    values = agent.parameters.values
+    target = agent.target
+    tau = agent.constants.tau
+    kept = like(values, 1.0 - tau)
+    share = like(values, tau)
     for i in range(len(values)):
         target[i] = kept * target[i] + share * values[i]
     agent.target_values.is_known[:] = False
@@ -129,9 +137,13 @@ def _draw_batch(agent: Dqn) -> None:
 
     A return ends where the episode ends, or at the row written last.
     """
-    replay, n_steps, n_envs = agent.replay, agent.constants.n_steps, len(agent.envs.state)
-    n_made, n_kept = agent.envs.n_steps[0], len(replay.reward)
-    last_row, n_filled = (n_made - n_envs) % n_kept, min(n_made, n_kept) // n_envs
+    replay = agent.replay
+    n_steps = agent.constants.n_steps
+    n_envs = len(agent.envs.state)
+    n_made = agent.envs.n_steps[0]
+    n_kept = len(replay.reward)
+    last_row = (n_made - n_envs) % n_kept
+    n_filled = min(n_made, n_kept) // n_envs
     gamma = like(agent.returns, agent.constants.gamma)
     for b in range(len(agent.action)):
         row = int(draw(agent.stream) * n_filled)
@@ -139,7 +151,8 @@ def _draw_batch(agent: Dqn) -> None:
         i = row * n_envs + e
         agent.batch.observed[b] = replay.observed[i]
         agent.action[b] = replay.action[i]
-        total, discount = like(agent.returns, 0), like(agent.returns, 1)
+        total = like(agent.returns, 0)
+        discount = like(agent.returns, 1)
         for k in range(n_steps):
             total += replay.reward[i] * discount
             discount *= gamma
@@ -157,14 +170,19 @@ def _draw_batch(agent: Dqn) -> None:
 @inlined
 def _update(agent: Dqn) -> None:
     """Adds the target net's estimates to the returns; takes a gradient step on the Huber loss."""
-    q_net, parameters, batch, n_rows = agent.net, agent.parameters, agent.batch, len(agent.action)
+    q_net = agent.net
+    parameters = agent.parameters
+    batch = agent.batch
+    n_rows = len(agent.action)
     net.compute_values(q_net, agent.target, agent.next_observed, agent.target_values)
     n_distinct = net.list_distinct(batch, n_rows)
     at = net.forward(q_net, parameters.values, batch.distinct, n_distinct)
-    one, share = like(agent.returns, 1), like(agent.returns, 1.0 / n_rows)
+    one = like(agent.returns, 1)
+    share = like(agent.returns, 1.0 / n_rows)
     net.clear(q_net.slopes[at : at + n_distinct * q_net.stride])
     for b in range(n_rows):
-        target, o_next = agent.returns[b], agent.next_observed[b]
+        target = agent.returns[b]
+        o_next = agent.next_observed[b]
         if o_next != agent.envs.process.n_observations:
             target += agent.discount[b] * agent.target_values.largest[o_next]
         i = at + batch.row[batch.observed[b]] * q_net.stride + agent.action[b]
@@ -189,31 +207,26 @@ class DqnAgent(Agent):
 
     def begin(self, model: Model, settings: DqnSettings, kind: Kind) -> Dqn:
         """Draws uniform weights, and makes room for the replay buffer and a mini-batch."""
-        n_envs, n_updates, n_observations = (
-            settings.n_envs,
-            settings.gradient_steps,
-            model.n_observations,
-        )
+        n_envs = settings.n_envs
+        n_updates = settings.gradient_steps
+        n_rows = settings.batch_size
         (q_net,) = self.nets
         net.draw_uniform(q_net, self.parameters.values, self.drawing)
         n_kept = max(settings.arguments["buffer_size"] // n_envs, 1)
-        same = {
-            name: getattr(settings, name) for name in Constants._fields if hasattr(settings, name)
-        }
+        same = {name: getattr(settings, name, 0) for name in Constants._fields}
         changed = {
             "gradient_steps": settings.rollout if n_updates < 0 else n_updates,
             "synchronised_every": max(settings.target_update_interval // n_envs, 1),
         }
-        n_rows = settings.batch_size
         returns, discount = np.zeros((2, n_rows), kind)
         return Dqn(
             constants=Constants(**same | changed),
             net=q_net,
             parameters=self.parameters,
             target=self.parameters.values.copy(),
-            target_values=room_for_values(n_observations, kind),
+            target_values=room_for_values(model.n_observations, kind),
             replay=room_for_steps(n_kept * n_envs),
-            batch=room_for_batch(n_rows, n_observations),
+            batch=room_for_batch(n_rows, model.n_observations),
             action=np.zeros(n_rows, np.int8),
             returns=returns,
             discount=discount,

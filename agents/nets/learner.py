@@ -72,7 +72,8 @@ class Agent(ABC):
         n_rows = max(min(settings.batch_size, model.n_observations), settings.n_envs)
         hidden, is_relu = settings.policy_kwargs.net_arch, self.is_value  # as in Stable-Baselines3
         people = settings.people
-        inputs, end = inputs_of(model, observation, kind, people), 0
+        inputs = inputs_of(model, observation, kind, people)
+        end = 0
         shared = [people.width] * 2 if people else []
         self.nets: list[Net] = []
         for n in self.outputs:
@@ -126,7 +127,8 @@ class NetAlgorithm(SequentialAlgorithm):
         self, model: Model, settings: Any, observation: str, seed: SeedSequence, schedule: Schedule
     ) -> Fields:
         """Trains an agent; its policy changes only between rollouts, and is read there."""
-        points, rollout = schedule.evaluation_steps, settings.rollout
+        points = schedule.evaluation_steps
+        rollout = settings.rollout
         agent = self.agent(
             model, settings, observation, np.array(points, np.int64), seed, np.float32
         )

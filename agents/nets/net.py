@@ -174,19 +174,31 @@ def list_distinct(batch: Batch, n_rows: int) -> int:
 @inlined
 def forward(net: Net, values: Numbers, observed: Indices, n_rows: int) -> int:
     """Computes the outputs for some observations; returns where they begin in `net.hidden`."""
-    hidden, stride, size = net.hidden, net.stride, net.n_rows * net.n_people * net.stride
-    n_here, n_in, n_read = n_rows * net.n_people, net.n_inputs, net.table.shape[1]
-    source, source_at, row = net.rows, 0, n_in
+    hidden = net.hidden
+    stride = net.stride
+    size = net.n_rows * net.n_people * net.stride
+    n_here = n_rows * net.n_people
+    n_in = net.n_inputs
+    n_read = net.table.shape[1]
+    source = net.rows
+    source_at = 0
+    row = n_in
     for r in range(n_rows):
         _copy(net.rows[r * n_read : (r + 1) * n_read], net.table[observed[r]])
     for i in range(len(net.width)):
-        width, weights_at, biases_at = net.width[i], net.weights_at[i], net.biases_at[i]
+        width = net.width[i]
+        weights_at = net.weights_at[i]
+        biases_at = net.biases_at[i]
         if i > 0:
-            source, source_at, row = hidden, (i - 1) * size, stride
+            source = hidden
+            source_at = (i - 1) * size
+            row = stride
             for r in range(n_here):
                 _activate(hidden[source_at + r * row : source_at + r * row + n_in], net.is_relu)
             if i == net.n_shared:
-                n_here, source, source_at = n_rows, net.sums, 0
+                n_here = n_rows
+                source = net.sums
+                source_at = 0
                 for r in range(n_rows):
                     first = (i - 1) * size + r * net.n_people * stride
                     total = net.sums[r * stride : (r + 1) * stride]
@@ -199,7 +211,8 @@ def forward(net: Net, values: Numbers, observed: Indices, n_rows: int) -> int:
                     at = weights_at + net.ones[observed[r], block] * width
                     _add(total, values[at : at + width])
         else:
-            inputs, weights = (source, source_at, row, 1), (values, weights_at, width, 1)
+            inputs = (source, source_at, row, 1)
+            weights = (values, weights_at, width, 1)
             output = hidden, i * size, stride, 1
             multiply((n_here, width, n_in), (values, biases_at), inputs, weights, output)
         n_in = width
@@ -209,9 +222,11 @@ def forward(net: Net, values: Numbers, observed: Indices, n_rows: int) -> int:
 @inlined
 def _repeat_for_people(net: Net, at: int, n_rows: int) -> None:
     """Copies the slopes by a sum to all people in it, from the last: sums are in earlier rows."""
-    stride, slopes = net.stride, net.slopes
+    stride = net.stride
+    slopes = net.slopes
     for r in range(n_rows - 1, -1, -1):
-        person_at, sum_at = at + r * stride, at + r // net.n_people * stride
+        person_at = at + r * stride
+        sum_at = at + r // net.n_people * stride
         _copy(slopes[person_at : person_at + stride], slopes[sum_at : sum_at + stride])
 
 
@@ -228,7 +243,8 @@ def best_output(net: Net, at: int) -> int:
 @inlined
 def compute_values(net: Net, parameters: Numbers, observed: Indices, values: Values) -> None:
     """Fills missing values; index O (terminal) is skipped."""
-    lacking, n_lacking = net.observed, 0
+    lacking = net.observed
+    n_lacking = 0
     for i in range(len(observed) + 1):
         if n_lacking == len(lacking) or (i == len(observed) and n_lacking):
             at = forward(net, parameters, lacking, n_lacking)
@@ -248,20 +264,32 @@ def compute_values(net: Net, parameters: Numbers, observed: Indices, values: Val
 @inlined
 def backward(net: Net, parameters: Parameters, observed: Indices, n_rows: int) -> None:
     """Computes a loss's gradient, after `forward`, from its slopes by the outputs."""
-    values, gradient = parameters.values, parameters.gradient
-    hidden, slopes, transposed = net.hidden, net.slopes, net.transposed
-    stride, zeros, n_here = net.stride, (net.zeros, 0), n_rows
+    values = parameters.values
+    gradient = parameters.gradient
+    hidden = net.hidden
+    slopes = net.slopes
+    transposed = net.transposed
+    stride = net.stride
+    zeros = (net.zeros, 0)
+    n_here = n_rows
     size = net.n_rows * net.n_people * stride
     for i in range(len(net.width) - 1, 0, -1):
-        width, n_in, n_out = net.width[i], net.width[i - 1], net.n_outputs[i]
-        weights_at, output_at, input_at = net.weights_at[i], i * size, (i - 1) * size
+        width = net.width[i]
+        n_in = net.width[i - 1]
+        n_out = net.n_outputs[i]
+        weights_at = net.weights_at[i]
+        output_at = i * size
+        input_at = (i - 1) * size
         _sum_rows(
             slopes, output_at, stride, n_here, gradient[net.biases_at[i] : net.biases_at[i] + width]
         )
-        source, source_at = hidden, input_at
+        source = hidden
+        source_at = input_at
         if i == net.n_shared:
-            source, source_at = net.sums, 0
-        activated, slope = (source, source_at, 1, stride), (slopes, output_at, stride, 1)
+            source = net.sums
+            source_at = 0
+        activated = (source, source_at, 1, stride)
+        slope = (slopes, output_at, stride, 1)
         multiply((n_in, width, n_here), zeros, activated, slope, (gradient, weights_at, width, 1))
         for k in range(n_in):
             for j in range(n_out):
@@ -274,8 +302,10 @@ def backward(net: Net, parameters: Parameters, observed: Indices, n_rows: int) -
         for r in range(n_here):
             at = input_at + r * stride
             _slope_of_activation(slopes[at : at + n_in], hidden[at : at + n_in], net.is_relu)
-    width, n_inputs = net.width[0], net.n_inputs
-    weights_at, biases_at = net.weights_at[0], net.biases_at[0]
+    width = net.width[0]
+    n_inputs = net.n_inputs
+    weights_at = net.weights_at[0]
+    biases_at = net.biases_at[0]
     _sum_rows(slopes, 0, stride, n_here, gradient[biases_at : biases_at + width])
     if net.ones.shape[1] > 0:
         clear(gradient[weights_at:biases_at])
@@ -284,7 +314,8 @@ def backward(net: Net, parameters: Parameters, observed: Indices, n_rows: int) -
                 at = weights_at + net.ones[observed[r], block] * width
                 _add(gradient[at : at + width], slopes[r * stride : r * stride + width])
     else:
-        rows, slope = (net.rows, 0, 1, n_inputs), (slopes, 0, stride, 1)
+        rows = (net.rows, 0, 1, n_inputs)
+        slope = (slopes, 0, stride, 1)
         multiply((n_inputs, width, n_here), zeros, rows, slope, (gradient, weights_at, width, 1))
 
 
@@ -303,14 +334,17 @@ def learn(parameters: Parameters) -> None:
         for i in range(len(some)):
             sums[i] += some[i] * some[i]
     square_norm = 0.0
-    for i in range(len(sums)):
-        square_norm += sums[i]
+    for partial_sum in sums:
+        square_norm += partial_sum
     scale = like(values, min(max_norm / (math.sqrt(square_norm) + 1e-6), 1.0))
     rate = like(values, learning_rate / (1.0 - betas[0]))
     correction = like(values, 1.0 / math.sqrt(1.0 - betas[1]))
-    new, new_square = like(values, 1.0 - _BETAS[0]), like(values, 1.0 - _BETAS[1])
-    old_square, offset = like(values, _BETAS[1]), like(values, epsilon)
-    least, zero = like(values, _MIN_MOMENT), like(values, 0)
+    new = like(values, 1.0 - _BETAS[0])
+    new_square = like(values, 1.0 - _BETAS[1])
+    old_square = like(values, _BETAS[1])
+    offset = like(values, epsilon)
+    least = like(values, _MIN_MOMENT)
+    zero = like(values, 0)
     for i in range(len(values)):
         slope = gradient[i] * scale
         moment = first[i] + (slope - first[i]) * new
@@ -362,7 +396,8 @@ def _activate(row: Numbers, is_relu: bool) -> None:
 @inlined
 def _slope_of_activation(slopes: Numbers, activated: Numbers, is_relu: bool) -> None:
     """Multiplies slopes by the derivative of the activation, given its values."""
-    zero, one = like(slopes, 0), like(slopes, 1)
+    zero = like(slopes, 0)
+    one = like(slopes, 1)
     if is_relu:
         for i in range(len(slopes)):
             slopes[i] = zero if activated[i] <= zero else slopes[i]
@@ -409,7 +444,9 @@ def draw_orthogonal(net: Net, values: Numbers, stream: Words, gains: tuple[float
     """
     n_in = net.n_inputs
     for i in range(len(net.width)):
-        n_out, width, at = net.n_outputs[i], net.width[i], net.weights_at[i]
+        n_out = net.n_outputs[i]
+        width = net.width[i]
+        at = net.weights_at[i]
         vectors = np.empty((min(n_in, n_out), max(n_in, n_out)))
         for v in range(len(vectors)):
             vector = vectors[v]
@@ -431,7 +468,8 @@ def draw_orthogonal(net: Net, values: Numbers, stream: Words, gains: tuple[float
 def _draw_normal(stream: Words) -> float:
     """Draws a standard normal number by Marsaglia's polar method, one of the two."""
     while True:
-        x, y = 2.0 * draw(stream) - 1.0, 2.0 * draw(stream) - 1.0
+        x = 2.0 * draw(stream) - 1.0
+        y = 2.0 * draw(stream) - 1.0
         square = x * x + y * y
         if 0.0 < square < 1.0:
             return float(x * math.sqrt(-2.0 * log(square) / square))

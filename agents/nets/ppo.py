@@ -111,18 +111,22 @@ def _advance(agent: Ppo, until: int) -> None:
 @inlined
 def _roll_out(agent: Ppo) -> bool:
     """Makes a rollout; returns whether all probabilities were finite. If not, it ends there."""
-    envs, n_steps = agent.envs, agent.constants.n_steps
+    envs = agent.envs
+    n_steps = agent.constants.n_steps
     for t in range(n_steps):
         for e in range(len(envs.state)):
-            o, i = envs.process.observation[envs.state[e]], e * n_steps + t
-            probability, log_probability = agent.probability[o], agent.log_probability[o]
+            o = envs.process.observation[envs.state[e]]
+            i = e * n_steps + t
+            probability = agent.probability[o]
+            log_probability = agent.log_probability[o]
             if not agent.is_known[o]:
                 agent.is_known[o], agent.actor.observed[0] = True, o
                 at = net.forward(agent.actor, agent.parameters.values, agent.actor.observed, 1)
                 if not _to_probabilities(agent.actor.hidden, at, log_probability, probability):
                     return False
             uniform = draw(envs.stream)
-            action, cumulated = 0, probability[0]
+            action = 0
+            cumulated = probability[0]
             while action < N_ACTIONS - 1 and uniform >= cumulated:
                 action += 1
                 cumulated += probability[action]
@@ -135,14 +139,18 @@ def _roll_out(agent: Ppo) -> bool:
 @inlined
 def _estimate_advantages(agent: Ppo) -> None:
     """Estimates advantages by GAE (Schulman et al. 2016), as Stable-Baselines3 does."""
-    steps, value, n_steps = agent.steps, agent.values.largest, agent.constants.n_steps
-    zero, gamma = like(value, 0), like(value, agent.constants.gamma)
+    steps = agent.steps
+    value = agent.values.largest
+    n_steps = agent.constants.n_steps
+    zero = like(value, 0)
+    gamma = like(value, agent.constants.gamma)
     decay = like(value, agent.constants.gamma * agent.constants.gae_lambda)
     for e in range(len(agent.envs.state)):
         last = (e + 1) * n_steps - 1
         advantage = following = zero
         for i in range(last, last - n_steps, -1):
-            reward, o = like(value, steps.reward[i]), steps.next_observed[i]
+            reward = like(value, steps.reward[i])
+            o = steps.next_observed[i]
             if steps.truncated[i]:
                 reward += gamma * value[o]
             if steps.truncated[i] or o == agent.envs.process.n_observations:
@@ -158,7 +166,8 @@ def _estimate_advantages(agent: Ppo) -> None:
 
 @inlined
 def _learn(agent: Ppo) -> None:
-    constants, order = agent.constants, agent.order
+    constants = agent.constants
+    order = agent.order
     for _ in range(constants.n_epochs):
         for i in range(len(order)):
             order[i] = i
@@ -181,14 +190,19 @@ def _learn(agent: Ppo) -> None:
 @inlined
 def _slope_of_actor(agent: Ppo, chosen: Ints, n_distinct: int) -> bool:
     """Computes slopes of clipped surrogate and entropy; returns whether learning goes on."""
-    constants, actor, advantages = agent.constants, agent.actor, agent.advantage
-    slopes, n_rows = actor.slopes, len(chosen)
+    constants = agent.constants
+    actor = agent.actor
+    advantages = agent.advantage
+    slopes = actor.slopes
+    n_rows = len(chosen)
     at = net.forward(actor, agent.parameters.values, agent.batch.distinct, n_distinct)
     net.clear(slopes[at : at + n_distinct * actor.stride])
     for r in range(n_distinct):
-        log_probability, probability = agent.batch_log_probability[r], agent.batch_probability[r]
+        log_probability = agent.batch_log_probability[r]
+        probability = agent.batch_probability[r]
         _to_probabilities(actor.hidden, at + r * actor.stride, log_probability, probability)
-    mean, deviation = 0.0, 1.0
+    mean = 0.0
+    deviation = 1.0
     if constants.normalize_advantage and n_rows > 1:
         for i in chosen:
             mean += advantages[i] / n_rows
@@ -198,8 +212,10 @@ def _slope_of_actor(agent: Ppo, chosen: Ints, n_distinct: int) -> bool:
         deviation = math.sqrt(square / (n_rows - 1)) + 1e-8
     divergence = 0.0
     for i in chosen:
-        r, action = agent.batch.row[agent.steps.observed[i]], agent.steps.action[i]
-        log_probability, probability = agent.batch_log_probability[r], agent.batch_probability[r]
+        r = agent.batch.row[agent.steps.observed[i]]
+        action = agent.steps.action[i]
+        log_probability = agent.batch_log_probability[r]
+        probability = agent.batch_probability[r]
         log_ratio = float(log_probability[action] - agent.old_log_probability[i])
         ratio = exp(log_ratio)
         divergence += (ratio - 1.0 - log_ratio) / n_rows
@@ -221,7 +237,8 @@ def _slope_of_actor(agent: Ppo, chosen: Ints, n_distinct: int) -> bool:
 @inlined
 def _slope_of_critic(agent: Ppo, chosen: Ints, n_distinct: int) -> None:
     """Computes the slopes of the squared error by the critic's outputs."""
-    constants, critic = agent.constants, agent.critic
+    constants = agent.constants
+    critic = agent.critic
     at = net.forward(critic, agent.parameters.values, agent.batch.distinct, n_distinct)
     net.clear(critic.slopes[at : at + n_distinct * critic.stride])
     for i in chosen:
@@ -247,7 +264,8 @@ class PpoAgent(Agent):
 
     def begin(self, model: Model, settings: PpoSettings, kind: Kind) -> Ppo:
         """Draws orthogonal weights, and makes room for a rollout and a mini-batch."""
-        n_observations, n_rows = model.n_observations, min(settings.batch_size, settings.rollout)
+        n_observations = model.n_observations
+        n_rows = min(settings.batch_size, settings.rollout)
         actor, critic = self.nets
         for mlp, gain in zip(self.nets, _GAINS, strict=True):
             net.draw_orthogonal(mlp, self.parameters.values, self.drawing, (_GAIN, gain))

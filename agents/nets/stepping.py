@@ -9,7 +9,7 @@ import numpy as np
 
 from agents.compiled import compiled
 from agents.nets.arithmetic import inlined
-from agents.process import Process, Stream, U, draw_number, draw_start, draw_step, process_of
+from agents.process import Process, U, draw_number, draw_start, draw_step, process_of, stream_of
 from agents.sb3.settings import Sb3Settings
 from envs import Model
 from envs.arrays import Bools, Codes, Indices, Ints, Singles, Words
@@ -42,8 +42,8 @@ class Steps(NamedTuple):
 @inlined
 def draw(stream: Words) -> float:
     """Draws a number from [0, 1) from a stream (4,), which changes."""
-    number, after = draw_number(_words(stream))
-    stream[0], stream[1], stream[2], stream[3] = after
+    number, after = draw_number(stream_of(stream))
+    stream[:] = after
     return float(number)
 
 
@@ -72,14 +72,9 @@ def _start(envs: Envs) -> None:
 
 
 @inlined
-def _words(stream: Words) -> Stream:
-    return stream[0], stream[1], stream[2], stream[3]
-
-
-@inlined
 def _restart(envs: Envs, e: int) -> None:
-    envs.state[e], stream = draw_start(envs.process.starts, _words(envs.stream))
-    envs.stream[0], envs.stream[1], envs.stream[2], envs.stream[3] = stream
+    envs.state[e], after = draw_start(envs.process.starts, stream_of(envs.stream))
+    envs.stream[:] = after
     envs.steps[e] = 0
 
 
@@ -90,14 +85,22 @@ def take(envs: Envs, e: int, action: int, steps: Steps, at: int) -> None:
     It draws, in this order and only if needed, the noise of the reward, the outcome and the next
     start.
     """
-    process, state, stream = envs.process, U(envs.state[e]), _words(envs.stream)
-    first, outcomes, n_outcomes = process.first, process.outcomes, process.n_outcomes
-    reward, i, stream = draw_step(
-        first, outcomes, n_outcomes, process.is_noisy, state, U(action), stream
+    process = envs.process
+    state = U(envs.state[e])
+    reward, i, after = draw_step(
+        process.first,
+        process.outcomes,
+        process.n_outcomes,
+        process.is_noisy,
+        state,
+        U(action),
+        stream_of(envs.stream),
     )
-    envs.stream[0], envs.stream[1], envs.stream[2], envs.stream[3] = stream
-    envs.disagreements[0] += outcomes[i].is_wrong_ping
-    following, terminates = state + U(outcomes[i].state_change), outcomes[i].terminates
+    envs.stream[:] = after
+    outcome = process.outcomes[i]
+    envs.disagreements[0] += outcome.is_wrong_ping
+    following = state + U(outcome.state_change)
+    terminates = outcome.terminates
     envs.state[e] = following
     envs.steps[e] += 1
     truncates = not terminates and envs.steps[e] >= envs.time_limit

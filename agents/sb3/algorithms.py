@@ -13,10 +13,9 @@ from importlib.metadata import packages_distributions
 from pkgutil import resolve_name
 from typing import Any, ClassVar, Self
 
-from numpy.random import SeedSequence
 from pydantic import ConfigDict, create_model, model_validator
 
-from agents.contract import DeepTraining, Fields, Schedule, SequentialAlgorithm
+from agents.contract import DeepTraining, Fields, SequentialAlgorithm
 from agents.sb3.settings import (
     OUR_SETTINGS,
     BufferSize,
@@ -25,7 +24,6 @@ from agents.sb3.settings import (
     Sb3Settings,
     StepCount,
 )
-from envs import Model
 from envs.inputs import Count, InputError, Share
 from envs.observations import IMAGES, VECTORS
 from envs.packages import needed_by
@@ -61,14 +59,12 @@ class Sb3Algorithm(SequentialAlgorithm):
         """Imports the class."""
         return resolve_name(self.path)
 
-    def train_agent(
-        self, model: Model, settings: Any, observation: str, seed: SeedSequence, schedule: Schedule
-    ) -> Fields:
+    def train_agent(self, *args: Any, **kwargs: Any) -> Fields:
         """Trains by `sb3.training.train_agent`; a missing package is a MissingPackageError."""
         with needed_by(self.path):
             cls = self.load()
             from agents.sb3.training import train_agent
-        return train_agent(cls, model, settings, observation, seed, schedule)
+        return train_agent(cls, *args, **kwargs)
 
 
 DQN = Sb3Algorithm("stable_baselines3:DQN", DqnSettings, policies=("greedy",))
@@ -119,9 +115,10 @@ def algorithm_of(cls: Any, path: str) -> Sb3Algorithm:
     """Makes an algorithm of a class with the import path `module:class`, see `is_sb3_class`."""
     arguments = _arguments(cls)
     if "gamma" not in arguments or not arguments.keys() & {"train_freq", "n_steps"}:
-        steps = "an argument train_freq or n_steps, the steps from one round of updates to the next"
-        accepted = f"a class with an argument gamma, its discount, and {steps}"
-        raise InputError(f"algorithm {path}: accepted: {accepted}.")
+        raise InputError(
+            f"algorithm {path}: accepted: a class with an argument gamma, its discount, and an "
+            "argument train_freq or n_steps, the steps from one round of updates to the next."
+        )
     fields: dict[str, Any] = {
         name: (_KNOWN.get(name, Any), {} if name == "policy_kwargs" else default)
         for name, default in arguments.items()
@@ -134,9 +131,9 @@ def algorithm_of(cls: Any, path: str) -> Sb3Algorithm:
     } & packages_distributions().keys()
     packages = tuple(sorted(modules | {"stable_baselines3", "torch"}))
     policy = getattr(cls, "policy_aliases", {}).get("MlpPolicy")
-    if policy is None or hasattr(policy, "get_distribution"):
-        return Sb3Algorithm(path, settings, packages)
-    return Sb3Algorithm(path, settings, packages, policies=("greedy",))
+    learns_any = policy is None or hasattr(policy, "get_distribution")
+    policies = Sb3Algorithm.policies if learns_any else ("greedy",)
+    return Sb3Algorithm(path, settings, packages, policies)
 
 
 def _arguments(cls: type) -> dict[str, object]:

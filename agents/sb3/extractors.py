@@ -13,7 +13,7 @@ from gymnasium import spaces
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
-from envs.inputs import InputError
+from envs import InputError
 
 
 class PeopleExtractor(BaseFeaturesExtractor):
@@ -49,19 +49,20 @@ class PeopleExtractor(BaseFeaturesExtractor):
         self.n_first = 2 * sees_agent
         n_people, rest = divmod(math.prod(observation_space.shape) - self.n_first, per_person)
         if len(observation_space.shape) != 1 or n_people < 1 or rest:
-            found = f"PeopleExtractor: observations of shape {observation_space.shape}"
-            numbers = f"{self.n_first} of the agent and per_person = {per_person} of each person"
-            raise InputError(f"{found}; accepted: coordinates, {numbers}.")
+            raise InputError(
+                f"PeopleExtractor: observations of shape {observation_space.shape}; accepted: "
+                f"coordinates, {self.n_first} of the agent and per_person = {per_person} of each "
+                "person."
+            )
         super().__init__(observation_space, width)
         self.marks: torch.Tensor  # (people, 0 or 1)
         self.register_buffer("marks", torch.eye(n_people)[:, : int(marks_first)], persistent=False)
-        layers = (
+        self.net = nn.Sequential(
             nn.Linear(self.n_first + per_person + marks_first, width),
             nn.ReLU(),
             nn.Linear(width, width),
             nn.ReLU(),
         )
-        self.net = nn.Sequential(*layers)
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
         """Returns the features (B, width) of observations."""
@@ -78,8 +79,10 @@ class PlanesExtractor(BaseFeaturesExtractor):
     def __init__(self, observation_space: spaces.Box, n_features: int = 128) -> None:
         """Makes the net for a space of images, as "planes" has; others raise an InputError."""
         if len(observation_space.shape) != 3:
-            found = f"PlanesExtractor: observations of shape {observation_space.shape}"
-            raise InputError(f"{found}; accepted: images, such as those of the form planes.")
+            raise InputError(
+                f"PlanesExtractor: observations of shape {observation_space.shape}; accepted: "
+                "images, such as those of the form planes."
+            )
         super().__init__(observation_space, n_features)
         n_planes, rows, columns = observation_space.shape
         self.net = nn.Sequential(

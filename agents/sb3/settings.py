@@ -49,8 +49,10 @@ def _features_extractor(name: str) -> object:
     module = sys.modules.get("stable_baselines3.common.torch_layers")
     if module and isinstance(found, type) and issubclass(found, module.BaseFeaturesExtractor):
         return found
-    accepted = "a subclass of stable_baselines3.common.torch_layers.BaseFeaturesExtractor"
-    raise InputError(f"policy_kwargs: {key} {shortened(name)}: accepted: {accepted}.")
+    raise InputError(
+        f"policy_kwargs: {key} {shortened(name)}: accepted: a subclass of "
+        "stable_baselines3.common.torch_layers.BaseFeaturesExtractor."
+    )
 
 
 class Sb3Settings(LearnerSettings):
@@ -96,9 +98,8 @@ class Sb3Settings(LearnerSettings):
         """
         if "policy_kwargs" in arguments:
             # Any `optimizer_kwargs`, even empty ones, would unset SB3's epsilon of PPO.
-            given = arguments["policy_kwargs"].items()
             arguments["policy_kwargs"] = policy = {
-                key: value for key, value in given if value != {}
+                key: value for key, value in arguments["policy_kwargs"].items() if value != {}
             }
             if isinstance(name := policy.get(key := "features_extractor_class"), str):
                 policy[key] = _features_extractor(name)
@@ -108,7 +109,8 @@ class Sb3Settings(LearnerSettings):
     @model_validator(mode="after")
     def _rollouts_fill_the_budget(self) -> Self:
         """Shortens a rollout of no set length, by less than half, to divide the budget."""
-        key, default = self._rollout_key, self.rollout // self.n_envs
+        key = self._rollout_key
+        default = self.rollout // self.n_envs
         most = min(default, self.budget // self.n_envs)
         for steps in (default,) if key in self.model_fields_set else range(most, most // 2, -1):
             if self.budget % (steps * self.n_envs) == 0:

@@ -16,10 +16,8 @@ from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecEnvWrapper
 
-from envs import Model
+from envs import ACTIONS, InputError, Model
 from envs.arrays import Floats
-from envs.inputs import InputError
-from envs.model import ACTIONS
 from envs.observations import observation_space, observation_table
 
 # Arguments of methods that decide. A state is a memory only if a method returns one, too.
@@ -56,10 +54,10 @@ def output_of(agent: BaseAlgorithm) -> Output:
         # Mean quantiles are action values (Dabney et al. 2018, eq. 3).
         return Output(lambda o: net(o).mean(dim=1), is_value=True, net=net)
     if not hasattr(policy, "get_distribution"):
-        kinds = (
-            "action values (q_net, quantile_net) nor a distribution of actions (get_distribution)"
+        raise ValueError(
+            f"{type(policy).__name__} has neither action values (q_net, quantile_net) nor a "
+            "distribution of actions (get_distribution)"
         )
-        raise ValueError(f"{type(policy).__name__} has neither {kinds}")
     return Output(
         lambda o: policy.get_distribution(o).distribution.probs, is_value=False, net=policy
     )
@@ -100,7 +98,8 @@ def readable_table(agent: BaseAlgorithm, observations: torch.Tensor) -> Floats:
     answers = [
         agent.predict(batch.cpu().numpy(), deterministic=True) for batch in _batches(observations)
     ]
-    actions, memory = np.concatenate([action for action, _ in answers]), answers[0][1]
+    actions = np.concatenate([action for action, _ in answers])
+    memory = answers[0][1]
     if (
         memory is not None
         or not np.isclose(table[np.arange(len(table)), actions], table.max(axis=1)).all()
@@ -124,14 +123,18 @@ def agent_table(agent: BaseAlgorithm, model: Model, observation: str) -> tuple[F
         for kind, space in expected.items():
             given = getattr(agent, f"{kind}_space")
             if given != space:
-                setting = f'{model.scenario.name} with observation = "{observation}"'
-                raise InputError(f"agent: {kind}_space = {given}; accepted in {setting}: {space}.")
+                raise InputError(
+                    f"agent: {kind}_space = {given}; accepted in {model.scenario.name} with "
+                    f'observation = "{observation}": {space}.'
+                )
         last: Any = agent._last_obs
         if not _has_rows(observations, last) or (
             last is None and not layers and agent.num_timesteps > 0
         ):
-            what = "its last observation in training is missing, or not of this scenario and form"
-            raise InputError(f"agent: {what}; accepted: {_FUNCTION}.")
+            raise InputError(
+                "agent: its last observation in training is missing, or not of this scenario and "
+                f"form; accepted: {_FUNCTION}."
+            )
         table = readable_table(agent, torch.as_tensor(observations, device=agent.device))
     except InputError:
         raise
@@ -156,8 +159,10 @@ def _known_layers(env: Any) -> list[Any]:
     if not all(
         _UNCHANGING.match(f"{source.__module__}.{source.__qualname__}") for source in sources
     ):
-        what = f"{type(env).__name__}, which may change observations or actions"
-        raise InputError(f"agent: its environment includes {what}; accepted: {_FUNCTION}.")
+        raise InputError(
+            f"agent: its environment includes {type(env).__name__}, which may change observations "
+            f"or actions; accepted: {_FUNCTION}."
+        )
     inner = (vars(env).get("venv"), vars(env).get("env"), *vars(env).get("envs", ()))
     return [env, *(layer for each in inner for layer in _known_layers(each))]
 

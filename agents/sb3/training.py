@@ -29,9 +29,8 @@ from agents.sb3.extractors import PeopleExtractor
 from agents.sb3.settings import Sb3Settings
 from agents.sb3.tables import first_line, output_of, policy_table, readable_table
 from agents.sb3.vec_env import SB3VecEnv
-from envs import InputError, Model, Scenario, compile_scenario, load_scenario
+from envs import ACTIONS, InputError, Model, Scenario, compile_scenario, load_scenario
 from envs.inputs import parse
-from envs.model import ACTIONS
 from envs.observations import compile_seen, observation_table
 
 
@@ -83,9 +82,12 @@ class _Snapshots(BaseCallback):
         self, env: SB3VecEnv, rollout: int, observations: torch.Tensor, schedule: Schedule
     ) -> None:
         super().__init__()
-        self._env, self._rollout, self._next_rollout = env, rollout, 0
+        self._env = env
+        self._rollout = rollout
+        self._next_rollout = 0
         self._observations = observations  # (O, ...)
-        self._points, self._may_end = schedule.evaluation_steps, schedule.may_end
+        self._points = schedule.evaluation_steps
+        self._may_end = schedule.may_end
         self._n_policies = 0  # evaluation steps whose policy is known
         self.has_ended = False  # early
         n_points = len(self._points)
@@ -98,9 +100,11 @@ class _Snapshots(BaseCallback):
     def _on_rollout_start(self) -> None:
         step = self.model.num_timesteps
         if step != self._next_rollout:
-            found = f"{type(self.model).__name__}: a rollout began after {step} steps"
-            why = f"since the settings say that a rollout has {self._rollout} steps"
-            raise InputError(f"{found}; accepted: after {self._next_rollout}, {why}.")
+            raise InputError(
+                f"{type(self.model).__name__}: a rollout began after {step} steps; accepted: after "
+                f"{self._next_rollout}, since the settings say that a rollout has {self._rollout} "
+                "steps."
+            )
         self._next_rollout += self._rollout
         self.keep_policy(before=self._next_rollout)
 
@@ -111,7 +115,8 @@ class _Snapshots(BaseCallback):
 
     def keep_policy(self, before: int) -> None:
         """Keeps the present policy for the evaluation steps before a step that have none yet."""
-        first, end = self._n_policies, bisect_left(self._points, before)
+        first = self._n_policies
+        end = bisect_left(self._points, before)
         if first == end:
             return
         now_s = time.thread_time()
@@ -123,7 +128,8 @@ class _Snapshots(BaseCallback):
         self._n_policies = end
         if self._may_end is not None and any(self._may_end(i, table) for i in range(first, end)):
             self.tables[end:] = table
-            self.has_ended, self._n_policies = True, len(self._points)
+            self.has_ended = True
+            self._n_policies = len(self._points)
         self._started_s += time.thread_time() - now_s  # reading policies is not training
 
 
@@ -155,8 +161,10 @@ def train_agent(
         try:
             agent.learn(settings.budget, callback=kept, log_interval=None)  # type: ignore[arg-type]
             if agent.num_timesteps != settings.budget and not kept.has_ended:
-                found = f"{cls.__name__}: trained for {agent.num_timesteps} steps"
-                raise InputError(f"{found}; accepted: the budget of {settings.budget}.")
+                raise InputError(
+                    f"{cls.__name__}: trained for {agent.num_timesteps} steps; accepted: the "
+                    f"budget of {settings.budget}."
+                )
             kept.keep_policy(before=settings.budget + 1)
         except ValueError:  # torch, too, refuses to draw from probabilities that are not finite
             if np.isfinite(policy_table(agent, observations)).all():
@@ -189,7 +197,8 @@ def save(path: Path, about: str, scenario: Scenario, settings: Any, form: str, a
         model = make_agent(DQN if agent.is_value else PPO, settings, env)
         model._last_obs = env.reset()  # as after training; `assess` looks at it
         model.num_timesteps = int(agent.envs.n_steps[0])
-        w, n = agent.weights(), len(agent.weights()) // 2
+        w = agent.weights()
+        n = len(agent.weights()) // 2
         # DQN has two equal nets. PPO has all hidden layers of actor and critic before their last
         # ones.
         w = w * 2 if agent.is_value else [*w[: n - 2], *w[n:-2], *w[n - 2 : n], *w[-2:]]

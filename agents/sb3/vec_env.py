@@ -7,7 +7,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvStepReturn
 
-from envs.arrays import Floats, Ints
+from envs.arrays import Ints
 from envs.model import ACTIONS, TARGET_PING, Model, draw_issuer_reward
 from envs.observations import observation_space, observation_table
 
@@ -55,9 +55,25 @@ class SB3VecEnv(VecEnv):
         self._actions = actions
 
     def step_wait(self) -> VecEnvStepReturn:
-        """Steps; returns observations (N, ...), rewards (N,) float32, dones (N,) and N infos."""
-        taken, rewards = self._move(self._actions)
-        terminated = self.model.terminated.take(taken)
+        """Steps; returns observations (N, ...), rewards (N,) float32, dones (N,) and N infos.
+
+        It draws (N,) numbers for noisy rewards, and then for outcomes if there are several.
+        """
+        model = self.model
+        k = self.model.n_outcomes
+        taken = self._state * len(ACTIONS) + self._actions  # (N,)
+        rewards = model.issuer_reward.take(taken)
+        if model.is_noisy:
+            drawn = self._generator.random(self.num_envs)
+            rewards = draw_issuer_reward(rewards, model.issuer_noise.take(taken), drawn)
+        rewards = model.grid_reward.take(taken) + rewards
+        outcome = taken * k
+        if k > 1:
+            chances = model.probability.reshape(-1, k)[taken, :-1].cumsum(axis=1)
+            outcome += (self._generator.random(self.num_envs)[:, None] >= chances).sum(axis=1)
+        self._state = model.next_state.take(outcome).astype(np.intp)
+        self._steps += 1
+        terminated = model.terminated.take(taken)
         dones = terminated | (self._steps >= self._limit)
         observations = self._observe()
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
@@ -72,28 +88,10 @@ class SB3VecEnv(VecEnv):
         self.disagreements += int(np.count_nonzero(self._is_disagreement.take(taken)))
         return observations, rewards.astype(np.float32), dones, infos
 
-    def _move(self, actions: Ints) -> tuple[Ints, Floats]:
-        """Moves every env; returns (N,) `state * A + action` before the move, and rewards.
-
-        It draws (N,) numbers for noisy rewards, and then for outcomes if there are several.
-        """
-        model, k = self.model, self.model.n_outcomes
-        taken = self._state * len(ACTIONS) + actions
-        issuer_reward = model.issuer_reward.take(taken)
-        if model.is_noisy:
-            drawn = self._generator.random(self.num_envs)
-            issuer_reward = draw_issuer_reward(issuer_reward, model.issuer_noise.take(taken), drawn)
-        outcome = taken * k
-        if k > 1:
-            chances = model.probability.reshape(-1, k)[taken, :-1].cumsum(axis=1)
-            outcome += (self._generator.random(self.num_envs)[:, None] >= chances).sum(axis=1)
-        self._state = model.next_state.take(outcome).astype(np.intp)
-        self._steps += 1
-        return taken, model.grid_reward.take(taken) + issuer_reward
-
     def _restart(self, envs: Ints) -> None:
         """Moves agents of some envs to a start; several starts need draws."""
-        starts, n = self.model.starts, len(self.model.starts)
+        starts = self.model.starts
+        n = len(self.model.starts)
         drawn = self._generator.random(len(envs)) if n > 1 else np.zeros(len(envs))
         self._state[envs] = starts[(drawn * n).astype(np.intp)]
         self._steps[envs] = 0

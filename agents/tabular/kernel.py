@@ -33,6 +33,7 @@ from agents.process import (
     draw_step,
     draw_word,
     keep_step,
+    stream_of,
 )
 from agents.tabular.updates import Successor, UpdateRule
 from envs.arrays import Bytes, Floats, Ints, Records, Singles, Words
@@ -86,9 +87,6 @@ class Results(NamedTuple):
     episodes_ended: Ints  # (N,)
 
 
-Kernel = Callable[[Process, Constants, Plan, Words, Results], None]
-
-
 @njit
 def choose_action(word: U, explore_below: U, greedy: int) -> U:
     """Chooses an action epsilon-greedily by one word, given the mask of the greedy actions."""
@@ -103,7 +101,11 @@ def choose_action(word: U, explore_below: U, greedy: int) -> U:
 @njit
 def find_best(q: Floats, o: U, takes_lowest: bool) -> tuple[float, int]:
     """Returns the largest action value of an observation, and the mask of its greedy actions."""
-    q0, q1, q2, q3, q4 = q[o, 0], q[o, 1], q[o, 2], q[o, 3], q[o, 4]
+    q0 = q[o, 0]
+    q1 = q[o, 1]
+    q2 = q[o, 2]
+    q3 = q[o, 3]
+    q4 = q[o, 4]
     best = max(max(max(q0, q1), max(q2, q3)), q4)
     mask = (q0 == best) | ((q1 == best) << 1) | ((q2 == best) << 2)
     mask |= ((q3 == best) << 3) | ((q4 == best) << 4)
@@ -134,38 +136,20 @@ def _new_tree(n_observations: int, value: float) -> Floats:
 
 
 @inlined
-def _update_tree(tree: Floats, o: U, best: float) -> None:
-    node = len(tree) // 2 + int(o)
-    tree[node] = best
-    while node > 1:
-        node >>= 1
-        winner = max(tree[2 * node], tree[2 * node + 1])
-        if tree[node] == winner:
-            break
-        tree[node] = winner
-
-
-@njit
-def _trace(traced: Ints, weights: Floats, n_traces: int, decay: float, pair: np.uint64) -> int:
-    """Decays traces, drops those below `MIN_TRACE`, sets a pair's to 1; returns their number."""
-    n_kept = 0
-    for i in range(n_traces):
-        weight = decay * weights[i]
-        if weight >= MIN_TRACE and U(traced[i]) != pair:
-            traced[n_kept], weights[n_kept] = traced[i], weight
-            n_kept += 1
-    traced[n_kept], weights[n_kept] = pair, 1.0
-    return n_kept + 1
-
-
-@inlined
 def _renew(
     q: Floats, highest: Floats, greedy: Ints, tree: Floats, o: U, takes_lowest: bool
 ) -> None:
     """Finds the best actions of an observation whose values have changed."""
     highest[o], greedy[o] = find_best(q, o, takes_lowest)
     if len(tree) > 2:
-        _update_tree(tree, o, highest[o])
+        node = len(tree) // 2 + int(o)
+        tree[node] = highest[o]
+        while node > 1:
+            node >>= 1
+            winner = max(tree[2 * node], tree[2 * node + 1])
+            if tree[node] == winner:
+                break
+            tree[node] = winner
 
 
 @njit
@@ -196,17 +180,9 @@ def _draw_if(is_needed: bool, stream: Stream) -> tuple[U, Stream]:
     return draw_word(stream) if is_needed else (U(0), stream)
 
 
-@inlined
-def _best_of_half(has_two_tables: bool, rows: Floats, row: U, takes_lowest: bool, word: U) -> U:
-    """Returns a best action by one of two tables; a word's lower half chooses."""
-    if not has_two_tables:
-        return U(0)
-    _, mask = find_best(rows, row, takes_lowest)
-    return U(choose_action(word, U(0), mask))
-
-
 def _compile_learn(update: UpdateRule) -> Callable[..., int]:
-    has_two_tables, has_traces = update.has_two_tables, update.has_traces
+    has_two_tables = update.has_two_tables
+    has_traces = update.has_traces
 
     @inlined
     def learn(
@@ -226,15 +202,25 @@ def _compile_learn(update: UpdateRule) -> Callable[..., int]:
         rate: float,
         target: float,
     ) -> int:
-        """Moves an action's value, and earlier ones by traces; returns the number of traces."""
+        """Moves an action's value, and earlier ones by traces; returns the number of traces.
+
+        Traces fade; those below `MIN_TRACE` are dropped, and the pair's is set to 1.
+        """
         if has_traces:
-            n_traces = int(_trace(traced, weights, n_traces, decay, o * U(N_ACTIONS) + a))
+            pair = o * U(N_ACTIONS) + a
+            n_kept = 0
+            for i in range(n_traces):
+                weight = decay * weights[i]
+                if weight >= MIN_TRACE and U(traced[i]) != pair:
+                    traced[n_kept], weights[n_kept] = traced[i], weight
+                    n_kept += 1
+            traced[n_kept], weights[n_kept] = pair, 1.0
             error = target - q[o, a]
-            for j in range(n_traces):
+            for j in range(n_kept + 1):
                 o_traced, a_traced = divmod(U(traced[j]), U(N_ACTIONS))
                 q[o_traced, a_traced] += rate * error * weights[j]
                 _renew(q, highest, greedy, tree, o_traced, takes_lowest)
-            return n_traces
+            return n_kept + 1
         if has_two_tables:
             halves[o, half, a] += rate * (target - halves[o, half, a])
             q[o, a] = (halves[o, 0, a] + halves[o, 1, a]) / 2
@@ -252,8 +238,10 @@ def _compile_agent(update: UpdateRule) -> Callable[..., None]:
     Variables around a function are constants when it is compiled, so what the rule does not need is
     left out of the compiled code instead of being skipped in each step.
     """
-    bootstrap, learn = njit(update.bootstrap), _compile_learn(update)
-    is_on_policy, has_two_tables = update.is_on_policy, update.has_two_tables
+    bootstrap = njit(update.bootstrap)
+    learn = _compile_learn(update)
+    is_on_policy = update.is_on_policy
+    has_two_tables = update.has_two_tables
     has_traces = update.has_traces
 
     @njit
@@ -275,9 +263,11 @@ def _compile_agent(update: UpdateRule) -> Callable[..., None]:
             _,
         ) = constants
         budget, by_episode, record_every, points, map_index = plan
-        explore_below, decay = U(round(epsilon * 2**32)), discount * trace_decay
+        explore_below = U(round(epsilon * 2**32))
+        decay = discount * trace_decay
         has_tree = results.table_max_q.shape[1] > 0
-        q, max_q = results.q[n], results.max_q[n]
+        q = results.q[n]
+        max_q = results.max_q[n]
         table_max_q = results.table_max_q[n] if has_tree else np.empty_like(max_q)
         q[:] = initial
         highest = np.full(n_observations, initial)  # action value of each observation
@@ -289,10 +279,15 @@ def _compile_agent(update: UpdateRule) -> Callable[..., None]:
         rows = halves.reshape(-1, N_ACTIONS)
         # pairs o * A + a with traces, the latest last, and the weights of these traces
         n_pairs = n_observations * N_ACTIONS if has_traces else 0
-        traced, weights, n_traces = np.empty(n_pairs, np.int64), np.empty(n_pairs), 0
+        traced = np.empty(n_pairs, np.int64)
+        weights = np.empty(n_pairs)
+        n_traces = 0
         kept = np.empty(limit if constants.backward_passes else 0, STEP)  # of the episode
         state, stream = draw_start(starts, stream)
-        o, a, a_next, begins = U(observation[state]), U(0), U(0), True
+        o = U(observation[state])
+        a = U(0)
+        a_next = U(0)
+        begins = True
         steps = episode_steps = episodes = disagreements = n_points = n_records = 0
         for unit in range(budget + 1):
             if unit == points[n_points]:
@@ -324,16 +319,21 @@ def _compile_agent(update: UpdateRule) -> Callable[..., None]:
                 half = word >> U(63)
                 value = 0.0
                 if not outcome.terminates:
-                    best = _best_of_half(
-                        has_two_tables, rows, U(2) * o_next + half, takes_lowest, word
+                    row = U(2) * o_next + half
+                    best = (  # by the word's lower half
+                        U(choose_action(word, U(0), find_best(rows, row, takes_lowest)[1]))
+                        if has_two_tables
+                        else U(0)
                     )
                     word, stream = _draw_if(is_on_policy, stream)
                     a_next = choose_action(word, explore_below, greedy[o_next])
-                    most, mask = highest[o_next], greedy[o_next]
+                    most = highest[o_next]
+                    mask = greedy[o_next]
                     value = bootstrap(
                         Successor(q, o_next, most, mask, epsilon, a_next, halves, half, best)
                     )
-                rate, target = first_rate / (1.0 + steps / halved_after), reward + discount * value
+                rate = first_rate / (1.0 + steps / halved_after)
+                target = reward + discount * value
                 n_traces = learn(
                     q, highest, greedy, tree, halves, traced, weights,
                     0 if begins or not (greedy[o] >> a) & U(1) else n_traces,
@@ -346,14 +346,16 @@ def _compile_agent(update: UpdateRule) -> Callable[..., None]:
                 episode_steps += 1
                 begins = outcome.terminates or episode_steps == limit
                 if begins:
-                    episode, ends = kept[:episode_steps], outcome.terminates
+                    episode = kept[:episode_steps]
+                    ends = outcome.terminates
                     _pass_back(q, highest, greedy, tree, episode, constants, rate, o_next, ends)
                     state, stream = draw_start(starts, stream)
                     o = U(observation[state])
                     episodes += 1
                     episode_steps = 0
                 else:
-                    state, o = state + U(outcome.state_change), o_next
+                    state = state + U(outcome.state_change)
+                    o = o_next
                 goes_on = by_episode and not begins
             if is_recorded:
                 max_q[n_records] = highest_met
@@ -366,7 +368,7 @@ def _compile_agent(update: UpdateRule) -> Callable[..., None]:
 
 
 @lru_cache
-def compile_kernel(update: UpdateRule) -> Kernel:
+def compile_kernel(update: UpdateRule) -> Callable[..., None]:
     """Returns the kernel of an update rule, compiled when it is first called.
 
     Kernels of users' rules are not kept on disk: what is in them could have changed.
@@ -378,8 +380,7 @@ def compile_kernel(update: UpdateRule) -> Kernel:
     ) -> None:
         """Trains N agents from streams (N, 4); unsigned indices spare tests for negative ones."""
         for n in range(len(streams)):
-            stream = (streams[n, 0], streams[n, 1], streams[n, 2], streams[n, 3])
-            train_agent(process, constants, plan, stream, results, n)
+            train_agent(process, constants, plan, stream_of(streams[n]), results, n)
 
     if update.bootstrap.__module__ != Successor.__module__:
         return numba.njit(nogil=True)(train)  # type: ignore[no-any-return]

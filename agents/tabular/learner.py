@@ -16,15 +16,15 @@ from numpy.random import SeedSequence
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from agents.contract import Algorithm, Family, LearnerSettings, Schedule, Training
+from agents.contract import Algorithm, LearnerSettings, Schedule, Training
 from agents.policy import ALL_ACTIONS
 from agents.process import process_of
 from agents.tabular import updates
 from agents.tabular.kernel import Constants, Plan, Results, compile_kernel
 from agents.tabular.updates import UpdateRule
+from envs import ACTIONS, Model
 from envs.arrays import Floats, Ints
 from envs.inputs import Count, Share
-from envs.model import ACTIONS, Model
 
 # Part of every run's identity: raise it when a change alters what every update rule learns. A rule
 # has a version, too; both only rise, so their sum is new after every change.
@@ -153,11 +153,9 @@ class ValueAlgorithm(Algorithm):
     ) -> Training:
         """Trains agents; raises an InputError if their loop needs too much memory."""
         loop, n_parameters = self.loop(model, settings, observation)
-        n_agents, n_steps, n_maps = (
-            len(seeds),
-            len(schedule.evaluation_steps),
-            len(schedule.map_steps),
-        )
+        n_agents = len(seeds)
+        n_steps = len(schedule.evaluation_steps)
+        n_maps = len(schedule.map_steps)
         table = model.n_observations, len(ACTIONS)
         room: dict[str, NDArray[Any]] = {
             "q": np.empty((n_agents, *table)),
@@ -205,7 +203,7 @@ class ValueAlgorithm(Algorithm):
 class TabularAlgorithm(ValueAlgorithm):
     """An algorithm that learns a table by an update rule, which has its settings and version."""
 
-    family: Family = "tabular"
+    family = "tabular"
     batch_size = 25  # an interrupt waits for the end of a call
     training = TabularTraining
 

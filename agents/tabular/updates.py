@@ -71,7 +71,8 @@ def next_value(after: Successor) -> float:
 
 def expected_value(after: Successor) -> float:
     """Returns the next action's mean value; greedy actions are equal, so ties do not matter."""
-    q, o = after.q, after.observation
+    q = after.q
+    o = after.observation
     # Independent sums, so that the processor can overlap them.
     total = (q[o, 0] + q[o, 1]) + (q[o, 2] + q[o, 3]) + q[o, 4]
     return float(after.epsilon / 5 * total + (1 - after.epsilon) * after.highest)
