@@ -31,7 +31,7 @@ from benchmark.records import OPTIMUM_TOLERANCE, Records, load_records
 from benchmark.scenes import colour_bar, dots, heat, region_legend, triangles
 from benchmark.statistics import LEVEL, Numbers, interval, proportion, resample, student, with_ends
 from benchmark.store import Store
-from benchmark.study import Data, Report
+from benchmark.study import Data, Report, described
 from benchmark.style import WIDTH, draw_cells, figure_of, norm_of
 from envs import ACTIONS, InputError, compile_scenario, load_scenario
 from envs.model import PING
@@ -440,28 +440,29 @@ def sensitivity_figure(data: Data) -> Figure:
 TABLES = {"claims": claims, "optimal": optimal, "max_q": max_q, "q_values": q_values}
 FIGURES = {"figure": figure, "sensitivity": sensitivity_figure}
 SHOWN = {"optimal": "scenario agents success optimal_share"}
-COLUMNS = {
-    "action": "action",
-    "agents": "agents per scenario",
-    "column": "column of the cell",
-    "claim": "claim of the paper",
-    "first_seed": "seed of the first agent",
-    "high": "upper end of its 95 % interval, see `low`",
+COLUMNS = described("""\
+action: action
+agents: agents per scenario
+column: column of the cell
+claim: claim of the paper
+first_seed: seed of the first agent
+high: upper end of its 95 % interval, see `low`
+max: largest over agents
+mean: mean over agents
+min: smallest over agents
+optimal_share: share of agents whose greedy policy is optimal from the start cell
+part: number of the claim
+row: row of the cell
+right_side: side of the threshold on which the part must lie
+state: whether the part passes, fails or is undecided
+std: sample standard deviation over agents
+threshold: threshold
+value: what is measured
+verdict: verdict on the claim
+""") | {
     "low": """\
 lower end of its 95 % interval: bootstrap percentiles for ratios and levels, Student's t for own
-maps, Welch's for differences, simultaneous intervals of all cells' means for counts of cells""",
-    "max": "largest over agents",
-    "mean": "mean over agents",
-    "min": "smallest over agents",
-    "optimal_share": "share of agents whose greedy policy is optimal from the start cell",
-    "part": "number of the claim",
-    "row": "row of the cell",
-    "right_side": "side of the threshold on which the part must lie",
-    "state": "whether the part passes, fails or is undecided",
-    "std": "sample standard deviation over agents",
-    "threshold": "threshold",
-    "value": "what is measured",
-    "verdict": "verdict on the claim",
+maps, Welch's for differences, simultaneous intervals of all cells' means for counts of cells"""
 }
 
 

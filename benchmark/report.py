@@ -41,7 +41,7 @@ from benchmark.folder import (
 )
 from benchmark.page import build as page
 from benchmark.scenes import shipped
-from benchmark.study import Data, Functions, Report
+from benchmark.study import Data, Functions, Report, described
 from envs import InputError
 from envs.inputs import check_all, parse, shortened, unknown_name
 from envs.sources import find_module, imported
@@ -51,7 +51,7 @@ _MAX_WORDS = 900  # of README of a folder
 _MAX_ROWS = 24  # of a table in README; longer ones are only linked
 _PACKED = (tables.RUNS, tables.CURVES, tables.AGENTS)  # which `run` publishes
 # What columns mean: of runs and curves, and of any other table. A star stands for part of a name.
-_OF_RUNS = """\
+RUN_COLUMNS = described("""\
 scenario: scenario
 grid: grid of the experiment
 point: point of the grid
@@ -85,8 +85,8 @@ commit: commit of this project
 machine: system and cores
 processor: processor, and library of linear algebra
 versions: versions of packages, as JSON
-"""
-_OF_OTHERS = """\
+""")
+COLUMNS = RUN_COLUMNS | described("""\
 n: runs
 x: the learner that is compared
 y: the learner that it is compared with
@@ -95,9 +95,7 @@ differs: what else differs between x and y
 *_high: upper end of the 95 % interval of *
 *_x: * of x
 *_y: * of y
-"""
-RUN_COLUMNS = dict(line.split(": ", 1) for line in _OF_RUNS.splitlines())
-COLUMNS = RUN_COLUMNS | dict(line.split(": ", 1) for line in _OF_OTHERS.splitlines())
+""")
 
 
 class ClaimError(InputError):

@@ -25,7 +25,7 @@ from benchmark.folder import Folder, digests
 from benchmark.specification import solved
 from benchmark.statistics import ALPHA, BOOTSTRAP_SEED, Floats, student, with_ends
 from benchmark.store import Store
-from benchmark.study import Data, Report, learning, solved_of
+from benchmark.study import Data, Report, described, learning, solved_of
 from benchmark.style import WIDTH, figure_of, name_rows
 from benchmark.tables import Group, tables
 from benchmark.trials import Choices, Chosen, Search, write_choices
@@ -329,31 +329,31 @@ SHOWN = {
     "chosen": "learner trial default chosen gain p verdict",
     "effort": "learner default learned tried total drawn",
 }
-COLUMNS = {
-    "area": f"{_MEASURE} and over scenarios, of first runs",
-    "chosen": "mean area of the chosen settings, with fresh seeds",
-    "cpu_time_s": "CPU seconds of training, sum over the runs of the search",
-    "default": "mean area of trial 0 with fresh seeds; in `effort.csv`, its steps until it learns",
-    "drawn": "`total` without trial 0",
-    "fresh_area": "`area` with fresh seeds; NaN if the trial did not run again",
-    "gain": "`chosen` minus `default`",
-    "is_chosen": "whether its settings are chosen",
-    "is_finalist": "whether it is among the best by first runs",
-    "kind": "default, drawn or candidate (known to work before the search)",
-    "learned": "first runs of drawn trials that have learned",
-    "median_steps": "steps until a first run has learned, median; inf if half never do",
-    "n_fresh": "runs with fresh seeds",
-    "p": "p-value of no gain, times the number of all finalists",
-    "rise": "success at the end of fresh runs with the chosen settings, minus that before training",
-    "runs": "runs of the search, with fresh ones",
-    "settings": "what the trial changes, as JSON",
-    "steps": "budgets of all these runs",
-    "total": "expected steps of search and training until a run has learned, mean over scenarios; "
-    "inf if none may ever in one of them",
-    "trials": "trials without trial 0",
-    "tried": "first runs of drawn trials",
-    "verdict": "whether a gain is shown, see README",
-}
+COLUMNS = described(f"""\
+area: {_MEASURE} and over scenarios, of first runs
+chosen: mean area of the chosen settings, with fresh seeds
+cpu_time_s: CPU seconds of training, sum over the runs of the search
+default: mean area of trial 0 with fresh seeds; in `effort.csv`, its steps until it learns
+drawn: `total` without trial 0
+fresh_area: `area` with fresh seeds; NaN if the trial did not run again
+gain: `chosen` minus `default`
+is_chosen: whether its settings are chosen
+is_finalist: whether it is among the best by first runs
+kind: default, drawn or candidate (known to work before the search)
+learned: first runs of drawn trials that have learned
+median_steps: steps until a first run has learned, median; inf if half never do
+n_fresh: runs with fresh seeds
+p: p-value of no gain, times the number of all finalists
+rise: success at the end of fresh runs with the chosen settings, minus that before training
+runs: runs of the search, with fresh ones
+settings: what the trial changes, as JSON
+steps: budgets of all these runs
+total: expected steps of search and training until a run has learned, mean over scenarios; inf if \
+none may ever in one of them
+trials: trials without trial 0
+tried: first runs of drawn trials
+verdict: whether a gain is shown, see README
+""")
 
 
 def headline(data: Data) -> str:

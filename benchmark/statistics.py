@@ -83,8 +83,10 @@ def proportion_interval(
     mean, n = np.asarray(mean), np.asarray(n)
     count = np.clip(mean, 0, 1) * n
     ones, zeros = np.maximum(count, _NONE), np.maximum(n - count, _NONE)
-    low = np.where(count > _NONE, special.betaincinv(ones, zeros + 1, tail), 0.0)
-    high = np.where(n - count > _NONE, special.betainccinv(ones + 1, zeros, tail), 1.0)
+    low, high = (
+        special.betaincinv(ones, zeros + 1, tail),
+        special.betainccinv(ones + 1, zeros, tail),
+    )
     return np.minimum(low, mean), np.maximum(high, mean)
 
 
@@ -104,12 +106,10 @@ def combined(
     is the root of the summed squares of the distances of the means' own ends (Zou and Donner
     2008, Statistics in Medicine 27:1693-1702). Weights may be negative.
     """
-    weight, mean = np.asarray(weights, dtype=float), np.asarray(means, dtype=float)
-    low, high = proportion_interval(mean, np.asarray(sizes), tail)
-    down, up = weight * (mean - low), weight * (high - mean)
-    sides = np.where(weight > 0, down, up), np.where(weight > 0, up, down)
-    value, below, above = float(weight @ mean), *(float(np.linalg.norm(side)) for side in sides)
-    return value - below, value + above
+    weight, mean = np.array(weights), np.array(means)
+    reach = weight * (np.array(proportion_interval(mean, np.array(sizes), tail)) - mean)
+    value, below, above = weight @ mean, reach.min(axis=0), reach.max(axis=0)
+    return float(value - np.linalg.norm(below)), float(value + np.linalg.norm(above))
 
 
 def p_above(
@@ -191,7 +191,7 @@ def holm(p_values: Sequence[float]) -> list[float]:
     order = np.argsort(adjusted, kind="stable")
     factors = np.arange(len(order), 0, -1)
     adjusted[order] = np.maximum.accumulate(np.minimum(factors * adjusted[order], 1.0))
-    return [float(p) for p in adjusted]
+    return [*map(float, adjusted)]
 
 
 class Means(NamedTuple):
@@ -248,12 +248,8 @@ def contrast(x: Means, y: Means, margin: float) -> Contrast:
 def contrasts(pairs: Sequence[tuple[Means, Means]], margin: float) -> list[Contrast]:
     """Compares pairs of learners; each kind of p-value is adjusted over all pairs."""
     found = [contrast(x, y, margin) for x, y in pairs]
-    different = holm([each.p_different for each in found])
-    equivalent = holm([each.p_equivalent for each in found])
-    return [
-        each._replace(p_different=p, p_equivalent=q)
-        for each, p, q in zip(found, different, equivalent, strict=True)
-    ]
+    *others, different, equivalent = zip(*found, strict=True)
+    return [*map(Contrast, *others, holm(different), holm(equivalent))]
 
 
 def standing_apart(x: Means, y: Means, margin: float, verdict: str) -> tuple[list[int], list[int]]:

@@ -25,7 +25,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import pandas as pd
-from matplotlib.figure import Figure
 from pydantic import AfterValidator
 
 from benchmark.experiment import Experiment, Solved
@@ -72,9 +71,12 @@ class Data:
         return look(learners[str(learner)], learners.values())
 
 
-TableFunction = Callable[[Data], pd.DataFrame | None]
-FigureFunction = Callable[[Data], Figure | None]
 Functions = Mapping[str, Callable[[Data], Any]]
+
+
+def described(lines: str) -> dict[str, str]:
+    """Returns what columns mean, from lines such as "seed: seed of the run"."""
+    return dict(line.split(": ", 1) for line in lines.splitlines())
 
 
 def solved_of(experiment: Experiment) -> Solved:
