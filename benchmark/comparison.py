@@ -152,7 +152,7 @@ def contrasts(data: Data) -> pd.DataFrame | None:
     updates = data.runs.groupby("learner")["updates"].max()
     sides = [[cells.loc[name].loc[scenarios] for name in pair] for pair in named]
     p_random = [holm([*map(_p_random, own)]) for own in zip(*sides, strict=True)]
-    rows = list[dict[str, Any]]()
+    rows = []
     for (x, y), both, *p_values in zip(named, sides, *p_random, strict=True):
         row = {"x": x, "y": y, "n": min(own["n"].min() for own in both)}
         row |= {"differs": differences(of[x], of[y], [own["diverged"].sum() for own in both])}
@@ -169,10 +169,15 @@ def contrasts(data: Data) -> pd.DataFrame | None:
         tests, matrices = statistics.contrasts(pairs, margin), _matrices(data, endpoint)
         for row, (x, y), test in zip(rows, pairs, tests, strict=True):
             decided, apart = decide(test, margin, row, x, y)
-            found = {"x": x.mean, "y": y.mean, **test._asdict()}
-            found |= {"verdict": decided, "margin": margin}
-            found["except"] = ", ".join(scenarios[i] for i in apart)
-            found["p_improvement"] = wins(matrices[row["y"]], matrices[row["x"]][:, None]).mean()
+            found = {
+                "x": x.mean,
+                "y": y.mean,
+                **test._asdict(),
+                "verdict": decided,
+                "margin": margin,
+                "except": ", ".join(scenarios[i] for i in apart),
+                "p_improvement": wins(matrices[row["y"]], matrices[row["x"]][:, None]).mean(),
+            }
             row |= {f"{endpoint}_{key}": value for key, value in found.items()}
     return pd.DataFrame(rows)
 

@@ -29,7 +29,16 @@ from benchmark.experiment import DEFAULT_CONDITION as DEFAULT
 from benchmark.experiment import Experiment
 from benchmark.records import OPTIMUM_TOLERANCE, Records, load_records
 from benchmark.scenes import colour_bar, dots, heat, region_legend, triangles
-from benchmark.statistics import LEVEL, Numbers, interval, proportion, resample, student, with_ends
+from benchmark.statistics import (
+    LEVEL,
+    Floats,
+    Numbers,
+    interval,
+    proportion,
+    resample,
+    student,
+    with_ends,
+)
 from benchmark.store import Store
 from benchmark.study import Data, Report, described
 from benchmark.style import WIDTH, draw_cells, figure_of, norm_of
@@ -41,7 +50,6 @@ from envs.scene import scene_of
 from envs.words import listed
 
 Agents = Mapping[str, Records]  # of one reading of the paper, by scenario
-Floats = NDArray[np.float64]
 
 READS_STORE = True  # action values are not published
 SCENARIOS = ("S1", "S2", "S3")  # the paper's, which its claims are about
@@ -173,8 +181,8 @@ def _valued_outside(_: str, agents: Records) -> Part:
 
 
 def _missing_inside(_: str, agents: Records) -> Part:
-    value, high, low = (~_signs(agents)[:, agents.in_target]).sum(axis=1).tolist()
-    return Part(agents.scenario, value, low, high)
+    counts = (~_signs(agents)[:, agents.in_target]).sum(axis=1)
+    return Part(agents.scenario, *counts[[0, 2, 1]])
 
 
 def _reaches(_: str, agents: Records) -> Part:
@@ -333,44 +341,34 @@ def optimal(data: Data) -> pd.DataFrame:
 
 def max_q(data: Data) -> pd.DataFrame:
     """Maximum Q of the visited cell over training."""
-    return _by_scenario(data, _max_q)
-
-
-def _max_q(agents: Records) -> dict[str, Any]:
-    curves = _over_agents(agents.arrays["max_q"])
-    steps = np.arange(len(curves["mean"])) * agents.run.settings.model_dump()["record_every"]
-    return {"step": steps, **curves}
+    frames = []
+    for name, agents in sets_of(data)[0].items():
+        every = agents.run.settings.model_dump()["record_every"]
+        curves = agents.arrays["max_q"]
+        steps = np.arange(curves.shape[1]) * every
+        frames.append(_over_agents({"scenario": name, "step": steps}, curves))
+    return pd.concat(frames, ignore_index=True)
 
 
 def q_values(data: Data) -> pd.DataFrame:
     """Final Q of every cell and action."""
-    return _by_scenario(data, _q_values)
-
-
-def _q_values(agents: Records) -> dict[str, Any]:
-    cells, values = agents.model.position, _over_agents(agents.arrays["q"])
-    row, column = cells.repeat(len(ACTIONS), axis=0).T
-    return {
-        **{"row": row, "column": column, "action": np.tile(ACTIONS, len(cells))},
-        **{name: array.ravel() for name, array in values.items()},
-    }
-
-
-def _by_scenario(data: Data, columns: Callable[[Records], dict[str, Any]]) -> pd.DataFrame:
-    """Returns columns of the agents that figures show, one scenario after the other."""
-    few = sets_of(data)[0].items()
-    frames = [pd.DataFrame({"scenario": name} | columns(agents)) for name, agents in few]
+    frames = []
+    for name, agents in sets_of(data)[0].items():
+        row, column = agents.model.position.repeat(len(ACTIONS), axis=0).T
+        where = {"row": row, "column": column, "action": np.resize(ACTIONS, len(row))}
+        frames.append(_over_agents({"scenario": name, **where}, agents.arrays["q"]))
     return pd.concat(frames, ignore_index=True)
 
 
-def _over_agents(values: Floats) -> dict[str, Floats]:
-    """Returns statistics over N agents of their (N, ...) values."""
-    return {
+def _over_agents(keys: Mapping[str, Any], values: Floats) -> pd.DataFrame:
+    """Returns columns of keys, and of statistics over N agents of their (N, ...) values."""
+    statistics = {
         "mean": values.mean(axis=0),
         "std": values.std(axis=0, ddof=1),
         "min": values.min(axis=0),
         "max": values.max(axis=0),
     }
+    return pd.DataFrame({**keys, **{name: each.ravel() for name, each in statistics.items()}})
 
 
 # Figures

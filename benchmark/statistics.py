@@ -9,7 +9,7 @@ tests (Schuirmann 1987). P-values of several contrasts are adjusted by Holm's me
 Scandinavian Journal of Statistics 6:65-70): the probability of any wrong claim is at most 5 %.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -256,18 +256,20 @@ def standing_apart(x: Means, y: Means, margin: float, verdict: str) -> tuple[lis
     """Returns the indices of scenarios that contradict a verdict on x in the mean, or may do so.
 
     The first contradict it by their own difference: if it is *better* or *worse*, by the opposite
-    of the margin or more, else by either. The others do by their own 90 % interval only.
+    of the margin or more, else by either. The others may do so by their own 90 % interval.
     """
-    found, unsure = list[int](), list[int]()
-    for i, (a, n, b, m) in enumerate(zip(*x, *y, strict=True)):
-        difference = round(a - b, _DIGITS)
-        ends = combined([1, -1], [a, b], [n, m], ALPHA)
-        for where, (low, high) in ((found, (difference, difference)), (unsure, ends)):
-            is_worse = verdict != "worse" and low <= -margin
-            if is_worse or (verdict != "better" and high >= margin):
-                where.append(i)
-                break
-    return found, unsure
+
+    def contradicting(ends: Iterable[tuple[float, float]]) -> list[int]:
+        return [
+            i
+            for i, (low, high) in enumerate(ends)
+            if (verdict != "worse" and low <= -margin) or (verdict != "better" and high >= margin)
+        ]
+
+    pairs = [*zip(*x, *y, strict=True)]
+    gaps = (round(a - b, _DIGITS) for a, _, b, _ in pairs)
+    ends = (combined([1, -1], [a, b], [n, m], ALPHA) for a, n, b, m in pairs)
+    return contradicting((gap, gap) for gap in gaps), contradicting(ends)
 
 
 # The row of a table and the one-hot input of a net are the same observation.

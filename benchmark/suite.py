@@ -45,13 +45,10 @@ def check(experiment: Experiment, _: Report) -> None:
 @cache
 def published() -> Data | None:
     """Returns the published runs of the suite; None if there are none."""
-    folder = REPOSITORY / "results" / SUITE
-    if not (folder / tables.RUNS).is_file():
+    results = REPOSITORY / "results"
+    if not (results / SUITE / tables.RUNS).is_file():
         return None
-    experiment = load_experiment(SUITE)
-    runs, curves = tables.read(folder)
-    tables.check_declared(experiment, runs)
-    return Data(experiment, None, runs, curves)
+    return Data(load_experiment(SUITE), None, *tables.published(SUITE, results))
 
 
 def is_suite(data: Data) -> bool:

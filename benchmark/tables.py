@@ -239,15 +239,15 @@ def runs(experiment: str | Path, results: str | Path | None = None) -> pd.DataFr
     Raises:
       InputError: There is no such experiment, its runs are not there, or a file is damaged.
     """
-    return _published(experiment, results)[0]
+    return published(experiment, results)[0]
 
 
 def curves(experiment: str | Path, results: str | Path | None = None) -> pd.DataFrame:
     """Returns how each run learned, see `runs`: a row per run and evaluation at `step`."""
-    return _published(experiment, results)[1]
+    return published(experiment, results)[1]
 
 
-def _published(
+def published(
     experiment: str | Path, results: str | Path | None
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     declared = load_experiment(experiment)
