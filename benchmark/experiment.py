@@ -12,7 +12,7 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain, product, zip_longest
 from os.path import isfile, join  # which take any text for a path
@@ -250,7 +250,7 @@ class Declaration(Table):
             for change in condition.changes:
                 self._check_scenarios(change.scenarios or (), condition.name)
             for kind in ("scenario", "settings"):
-                keys = [key for change in condition.changes for key in getattr(change, kind)]
+                keys = chain(*(getattr(change, kind) for change in condition.changes))
                 inputs.distinct(tuple(keys), f"{condition.name}: {kind}.")
         return self
 
@@ -513,8 +513,7 @@ class Population:
 
     def runs(self, seeds: Iterable[int] | None = None) -> list[RunSpecification]:
         """Lists its runs, with the declared seeds or others."""
-        taken = self.seeds if seeds is None else seeds
-        return [self.first.with_seed(seed) for seed in taken]
+        return [self.first.with_seed(seed) for seed in (self.seeds if seeds is None else seeds)]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -561,22 +560,18 @@ def _of_file(where: str) -> Iterator[None]:
         raise InputError(*lines) from error
 
 
-@dataclass(frozen=True, eq=False)
 class _Loading:
     """An experiment's tables, while all that they name is looked up."""
 
-    declared: Declaration
-    path: Path
-    scenarios: dict[str, Scenario] = field(default_factory=dict)
-    """Without any change, as the file names them."""
-    searched: set[str] = field(default_factory=set)
-    """Contents of the scenarios of searches."""
+    def __init__(self, declared: Declaration, path: Path) -> None:
+        self.declared, self.path = declared, path
+        self.searched = set[str]()  # contents of the scenarios of searches
+        with _of_file(str(path)):  # without any change, as the file names them
+            self.scenarios = {name: load_scenario(name) for name in declared.scenarios}
 
     def experiment(self) -> Experiment:
         """Returns the experiment, or raises an InputError."""
         declared, path = self.declared, self.path
-        with _of_file(str(path)):
-            self.scenarios.update({name: load_scenario(name) for name in declared.scenarios})
         learners = {each.name: each for name in declared.algorithms for each in self.learners(name)}
         if len({learner.title for learner in learners.values()}) < len(learners):
             raise InputError(f"{path}: algorithms: accepted: learners whose titles differ.")
@@ -750,8 +745,7 @@ def interleaved(listed: Iterable[Sequence[RunSpecification]]) -> list[RunSpecifi
     An interrupted experiment therefore has runs of every population. A condition that changes
     nothing in a scenario has the same runs there as an earlier condition.
     """
-    first: dict[str, RunSpecification] = {}
-    for run in chain.from_iterable(zip_longest(*listed)):
-        if run is not None:
-            first.setdefault(run.digest, run)
+    first = dict[str, RunSpecification]()
+    for run in filter(None, chain.from_iterable(zip_longest(*listed))):
+        first.setdefault(run.digest, run)
     return [*first.values()]

@@ -229,7 +229,7 @@ def until_learned(curves: pd.DataFrame, level: float) -> dict[str, NDArray[Any]]
 
 def cells(data: Data) -> pd.DataFrame:
     """How many runs learn, and medians."""
-    runs, rows = _by_key(data), list[dict[str, Any]]()
+    runs, rows = _by_key(data), []
     for population in data.experiment.populations:
         own = runs[key_of(population)]
         is_learned = np.isfinite(own["steps"].to_numpy())

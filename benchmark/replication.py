@@ -125,7 +125,7 @@ class Claim(NamedTuple):
     title: str  # in a few words
     right_side: str  # ">" or "<": where a part must lie
     threshold: float
-    groups: Sequence[tuple[str, ...]]  # of scenarios
+    groups: str  # of scenarios, as in "S2/S1 S2/S3"
     measures: Sequence[Callable[..., Part]]  # of a curve and of a group
     about: str  # for readers: how it is measured
 
@@ -228,52 +228,52 @@ def _own_maps_differ(_: str, *both: Records) -> Part:
 _VARIABILITY = (partial(_ratio, _spread),)
 CLAIMS = (
     Claim(
-        "variability-S2", "max Q varies most in S2", ">", 1.0, (("S2", "S1"), ("S2", "S3")),
+        "variability-S2", "max Q varies most in S2", ">", 1.0, "S2/S1 S2/S3",
         _VARIABILITY,
         "standard deviation of max Q over agents, mean over steps, as a ratio",
     ),
     Claim(
-        "max-near-1", "max Q reaches about 1", ">", 0.95, (("S1",), ("S3",)), (_near_one,),
+        "max-near-1", "max Q reaches about 1", ">", 0.95, "S1 S3", (_near_one,),
         "level that an agent's max Q reaches in 1 % of steps; in S3 no PING pays more than 0.857",
     ),
     Claim(
-        "variability-S3", "max Q varies least in S3", "<", 1.0, (("S3", "S1"), ("S3", "S2")),
+        "variability-S3", "max Q varies least in S3", "<", 1.0, "S3/S1 S3/S2",
         _VARIABILITY, "the same ratios of standard deviations",
     ),
     Claim(
-        "moves-focused", "moves are most focused in S3", "<", 1.0, (("S3", "S1"), ("S3", "S2")),
+        "moves-focused", "moves are most focused in S3", "<", 1.0, "S3/S1 S3/S2",
         (partial(_ratio, _focus),),
         "mean distance to the target region, weighted by positive mean Q of moves, as a ratio",
     ),
     Claim(
-        "ping-S3", "S3: no cell outside valued", "<", 1.0, (("S3",),), (_valued_outside,),
+        "ping-S3", "S3: no cell outside valued", "<", 1.0, "S3", (_valued_outside,),
         "cells outside the target region with a mean Q of PING above zero",
     ),
     Claim(
-        "ping-S3-inside", "S3: all target cells valued", "<", 1.0, (("S3",),), (_missing_inside,),
+        "ping-S3-inside", "S3: all target cells valued", "<", 1.0, "S3", (_missing_inside,),
         "target cells where it is not",
     ),
     Claim(
-        "ping-S1", "S1: cells outside valued", ">", 0.0, (("S1",),), (_valued_outside,),
+        "ping-S1", "S1: cells outside valued", ">", 0.0, "S1", (_valued_outside,),
         "cells outside the target region where it is",
     ),
     Claim(
-        "reaches", "S1: the target is reached", ">", 0.95, (("S1",),), (_reaches,),
+        "reaches", "S1: the target is reached", ">", 0.95, "S1", (_reaches,),
         "agents whose greedy policy PINGs in the target region more likely than not",
     ),
     Claim(
-        "random-helps", "random feedback helps", ">", 0.0, (("S2", "S1"),),
+        "random-helps", "random feedback helps", ">", 0.0, "S2/S1",
         (_mean_maps_differ, _own_maps_differ),
         "overlap of the cells with Q of PING above zero and the target region (intersection over "
         "union), S2 minus S1",
     ),
     Claim(
-        "identifies", "S2, S3: region identified", ">", 0.9, (("S2",), ("S3",)),
+        "identifies", "S2, S3: region identified", ">", 0.9, "S2 S3",
         (_mean_map, _own_maps),
         "the same overlap, by mean Q and by each agent's own",
     ),
     Claim(
-        "identifies-S1", "S1: region identified", ">", 0.9, (("S1",),), (_mean_map, _own_maps),
+        "identifies-S1", "S1: region identified", ">", 0.9, "S1", (_mean_map, _own_maps),
         "the same",
     ),
 )  # fmt: skip
@@ -290,11 +290,11 @@ def judge(agents: Agents, curve: str, claims: Sequence[Claim] = CLAIMS) -> pd.Da
     seeds = agents[SCENARIOS[0]].seeds
     parts = pd.DataFrame(
         {"claim": claim.id, "agents": len(seeds), "first_seed": seeds[0]}
-        | measure(curve, *(agents[name] for name in group))._asdict()
+        | measure(curve, *(agents[name] for name in group.split("/")))._asdict()
         | {"right_side": claim.right_side, "threshold": claim.threshold}
         for claim in claims
         for measure in claim.measures
-        for group in claim.groups
+        for group in claim.groups.split()
     )
     sign = np.where(parts["right_side"] == ">", 1, -1)
     ends = sign * (parts[["low", "high"]].to_numpy().T - parts["threshold"].to_numpy())

@@ -52,8 +52,7 @@ class RunSpecification:
         text = as_json(values, ensure_ascii=False)
         # Users' modules that it names as `module:attribute`
         named = sorted({*re.findall(r'"([\w.]+):[\w.]+"', text)})
-        digests = {name: digest_when_loaded(name) for name in named}
-        if code := {name: digest for name, digest in digests.items() if digest}:
+        if code := {name: digest for name in named if (digest := digest_when_loaded(name))}:
             values["code"] = code
         return as_json(values, sort_keys=True, separators=(",", ":"))
 

@@ -103,7 +103,7 @@ def outcomes(data: Data, learner: str, scenario: str) -> tuple[Any, Any]:
 
 def learners(data: Data) -> pd.DataFrame:
     """Each learner over all scenes: how many it learns, and aggregates of success (rliable)."""
-    cells, rows = data.tables["summary"], list[dict[str, Any]]()
+    cells, rows = data.tables["summary"], []
     medians = cells.pivot(index="learner", columns="scenario", values="steps").clip(lower=1)
     logs = medians.where(np.isfinite(medians)).apply(np.log)
     for learner, own in cells.groupby("learner", sort=False):

@@ -250,6 +250,7 @@ def curves(experiment: str | Path, results: str | Path | None = None) -> pd.Data
 def published(
     experiment: str | Path, results: str | Path | None
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Returns both tables, see `runs`."""
     declared = load_experiment(experiment)
     folder = Path(results or "results") / declared.name
     if results is None and not (folder / RUNS).exists():

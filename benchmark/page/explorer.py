@@ -10,7 +10,6 @@ import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.colors import to_hex
@@ -127,13 +126,15 @@ def _scene(model: Model) -> dict[str, object]:
     """
     scenario, n_states = model.scenario, len(model.observation)
     views = [drawn.scene_of(model, context) for context in np.unique(model.context).tolist()]
-    effects: dict[str, NDArray[Any]] = {
+    effects = {
         "change": model.next_state - np.arange(n_states)[:, None, None],
         "terminated": model.terminated.astype(int),
         "over": model.is_over.astype(int),
+        "probability": model.probability,
+        "grid_reward": model.grid_reward,
+        "issuer_reward": model.issuer_reward,
+        "event": model.event,
     }
-    for name in ("probability", "grid_reward", "issuer_reward", "event"):
-        effects[name] = getattr(model, name)
     columns = np.concatenate([each.reshape(n_states, -1) for each in effects.values()], axis=1)
     _, first, kind = np.unique(columns, axis=0, return_index=True, return_inverse=True)
     starts = np.concatenate([model.starts, model.unseen_starts, model.new_way_starts])
