@@ -17,7 +17,7 @@ otherwise, it is known from simulation.
 """
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import chain, product
 from math import prod
 from typing import Annotated, Any
@@ -127,15 +127,25 @@ class Declared(Report):
 
 def check(experiment: Experiment, declared: Declared) -> None:
     """Raises an InputError if grids, contrasts, budgets, seeds or figures do not fit a map."""
-    where, given = experiment.argument, experiment.declared
-    for key, value in {"[grids]": given.grids, "[solved]": given.solved}.items():
-        if not value:
-            raise InputError(f"{where}: {key} is missing; this report needs it.")
+    where = experiment.argument
+    if not experiment.declared.grids:
+        raise InputError(f"{where}: [grids] is missing; this report needs it.")
+    solved_of(experiment)
     if len(experiment.scenarios) > 1:
         raise InputError(f"{where}: scenarios: {len(experiment.scenarios)}: accepted: exactly one.")
-    for kind, name, accepted in _named(experiment, declared):
-        if name not in accepted:
-            unknown_name(f"{where}: report", kind, name, accepted)
+    grids, ladder = experiment.declared.grids, declared.ladder
+    on_ladder, rungs = (ladder.grids, ladder.rungs) if ladder else ((), ())
+    shown = chain.from_iterable(panel.learners for panel in declared.panels)
+    flat = [name for name, grid in grids.items() if len(grid.axes) == 1]
+    drawn = chain(on_ladder, (panel.grid for panel in declared.panels))
+    named = chain(*declared.pairs, shown, (rung.tiles for rung in rungs))
+    for kind, names, accepted in (
+        ("grid with one axis", drawn, flat),
+        ("learner", named, experiment.learners),
+    ):
+        for name in names:
+            if name not in accepted:
+                unknown_name(f"{where}: report", kind, name, accepted)
     if not declared.pairs:
         raise InputError(f"{where}: report.contrasts is missing; this report needs it.")
     for contrast in declared.pairs:
@@ -145,19 +155,6 @@ def check(experiment: Experiment, declared: Declared) -> None:
             found = f"report.contrasts: {' and '.join(contrast)}"
             rule = "two learners in one grid, with the same first seed and budget"
             raise InputError(f"{where}: {found}: accepted: {rule}.")
-
-
-def _named(experiment: Experiment, declared: Declared) -> Iterator[tuple[str, str, Sequence[str]]]:
-    """Yields what kind of thing a report names, its name, and the names that there are."""
-    grids, learners = experiment.declared.grids, [*experiment.learners]
-    flat = [name for name, grid in grids.items() if len(grid.axes) == 1]
-    on_ladder = declared.ladder.grids if declared.ladder else ()
-    for name in chain(on_ladder, (panel.grid for panel in declared.panels)):
-        yield "grid with one axis", name, flat
-    rungs = declared.ladder.rungs if declared.ladder else ()
-    shown = chain.from_iterable(panel.learners for panel in declared.panels)
-    for name in chain(*declared.pairs, shown, (rung.tiles for rung in rungs)):
-        yield "learner", name, learners
 
 
 # Populations

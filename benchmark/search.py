@@ -21,7 +21,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from benchmark.experiment import Experiment, Learner, digest_of_search
-from benchmark.folder import Folder, digests
+from benchmark.folder import Folder
 from benchmark.specification import solved
 from benchmark.statistics import ALPHA, BOOTSTRAP_SEED, Floats, student, with_ends
 from benchmark.store import Store
@@ -148,7 +148,8 @@ def found(data: Data) -> list[Outcome]:
 def write_chosen(experiment: Experiment, folder: Path) -> None:
     """Writes what was chosen, by published results, for experiments that name the search."""
     chosen = dict[str, Chosen]()
-    rows = Folder(folder).tables()["chosen"].set_index("learner").to_dict("index")
+    published = Folder(folder)
+    rows = published.tables()["chosen"].set_index("learner").to_dict("index")
     for name, learner in experiment.learners.items():
         row, tried = rows[name], experiment.declared.trials_of(learner.variant)
         own = experiment.declared.settings | learner.declared.settings
@@ -156,9 +157,8 @@ def write_chosen(experiment: Experiment, folder: Path) -> None:
         settings = override(kept, tried[row["trial"]], name)
         effort = {key: row[key] for key in ("trial", "trials", "runs", "steps", "cpu_time_s")}
         chosen[name] = Chosen(settings=settings, score=row["chosen"], **effort)
-    digest = digests(folder)["trials.csv"]
-    search = digest_of_search(experiment.declared)
-    write_choices(experiment.path, Choices(search=search, trials=digest, learners=chosen))
+    search, trials = digest_of_search(experiment.declared), published.files["trials.csv"]
+    write_choices(experiment.path, Choices(search=search, trials=trials, learners=chosen))
 
 
 # Tables

@@ -23,7 +23,7 @@ from benchmark.specification import solved
 from benchmark.statistics import median, proportion, with_ends
 from benchmark.study import Data, Report, described, learning, solved_of
 from benchmark.style import WIDTH, colour_map, draw_cells, figure_of
-from envs import InputError, compile_scenario
+from envs import compile_scenario
 
 SUITE = "suite"  # the experiment whose runs are published
 RELATIVE_TO = "tile_coding, coordinates"
@@ -34,8 +34,7 @@ _CHARACTERS = 24  # of a line of a learner's title
 
 def check(experiment: Experiment, _: Report) -> None:
     """Raises an InputError if a table is missing, or a package of the report."""
-    if experiment.declared.solved is None:
-        raise InputError(f"{experiment.argument}: [solved] is missing; this report needs it.")
+    solved_of(experiment)
     check_packages(experiment)
 
 

@@ -47,12 +47,14 @@ def write(
         model = compile_seen(population.first.scenario, population.first.observation)
         if len(model.observation) > MAX_STATES:
             continue
+        observed = [component.name for component in model.components]
+        sight = {"observed": observed, "of": model.observation.tolist()}
         n_shown = max(MAX_MASKS // model.n_observations, 1)
         runs = population.runs(population.taken(seeds)[:n_shown])
         agents.append(
             _agents(population.learner, load_records(runs, store))
             | {"experiment": experiment.name}
-            | {"scene": _index(scenes, _scene(model)), "sight": _index(sights, _sight(model))}
+            | {"scene": _index(scenes, _scene(model)), "sight": _index(sights, sight)}
         )
     if agents:
         data = _CONSTANTS | {"scenes": scenes, "sights": sights, "agents": agents}
@@ -109,11 +111,6 @@ def _agents(learner: Learner, records: Records) -> dict[str, object]:
             "greedy": np.ravel(others).astype(int).tolist(),
         },
     }
-
-
-def _sight(model: Model) -> dict[str, object]:
-    observed = [component.name for component in model.components]
-    return {"observed": observed, "of": model.observation.tolist()}
 
 
 @kept_with_model
