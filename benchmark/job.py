@@ -37,7 +37,7 @@ _CURVE = ("disagreements", "cpu_time_s", "updates", "parameters", "diverged_at")
 
 def plan(runs: Sequence[RunSpecification]) -> list[Job]:
     """Splits runs, none of which comes twice, into jobs, in the order of the first run of each."""
-    populations: dict[str, Job] = {}
+    populations = dict[str, Job]()
     for run in runs:
         populations.setdefault(run.population, []).append(run)
     index = {run.digest: i for i, run in enumerate(runs)}

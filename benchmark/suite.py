@@ -71,6 +71,7 @@ def summary(data: Data) -> pd.DataFrame:
             if learner.name in known:  # a user's learner of the same name is shown instead
                 continue
             steps, success = outcomes(side, learner.name, run.scenario.name)
+            model = compile_scenario(run.scenario.drawn(run.seed))
             row = {
                 "learner": learner.name,
                 "title": learner.title,
@@ -79,15 +80,10 @@ def summary(data: Data) -> pd.DataFrame:
                 "n_learned": np.isfinite(steps).sum(),
                 **with_ends("steps", median(steps)),
                 **with_ends("success", proportion(success)),
-                "random_success": _chance(run.scenario.drawn(run.seed), run.horizon),
+                "random_success": random_success(model, run.horizon),
             }
             rows.append(row)
     return pd.DataFrame(rows)
-
-
-@cache
-def _chance(scenario: Any, horizon: int) -> float:
-    return random_success(compile_scenario(scenario), horizon)
 
 
 def outcomes(data: Data, learner: str, scenario: str) -> tuple[Any, Any]:
