@@ -157,7 +157,7 @@ def median(values: Floats) -> Estimate:
     ranks = stats.binom.cdf(np.arange(n), n, 0.5)  # of at most so many values below the median
     low, high = int((ranks <= TAIL).sum()), int((ranks < 1 - TAIL).sum())
     ends = np.array([0.0, *np.sort(values), np.inf])
-    return Estimate(float(np.median(values)), float(ends[low]), float(ends[min(high + 1, n + 1)]))
+    return Estimate(float(np.median(values)), float(ends[low]), float(ends[high + 1]))
 
 
 def wins(x: Floats, y: Floats) -> Floats:
