@@ -127,13 +127,12 @@ class Declared(Report):
 
 def check(experiment: Experiment, declared: Declared) -> None:
     """Raises an InputError if grids, contrasts, budgets, seeds or figures do not fit a map."""
-    where = experiment.argument
-    if not experiment.declared.grids:
+    where, grids, ladder = experiment.argument, experiment.declared.grids, declared.ladder
+    if not grids:
         raise InputError(f"{where}: [grids] is missing; this report needs it.")
     solved_of(experiment)
     if len(experiment.scenarios) > 1:
         raise InputError(f"{where}: scenarios: {len(experiment.scenarios)}: accepted: exactly one.")
-    grids, ladder = experiment.declared.grids, declared.ladder
     on_ladder, rungs = (ladder.grids, ladder.rungs) if ladder else ((), ())
     shown = chain.from_iterable(panel.learners for panel in declared.panels)
     flat = [name for name, grid in grids.items() if len(grid.axes) == 1]
@@ -254,7 +253,7 @@ def rungs(data: Data) -> pd.DataFrame | None:
     ladder = data.declared.ladder
     if ladder is None:
         return None
-    cells, rows = data.tables["cells"].set_index(KEYS), list[tuple[str, ...]]()
+    cells, rows = data.tables["cells"].set_index(KEYS), []
     for rung, (*where, tiles) in product(ladder.rungs, cells.index):
         if tiles == rung.tiles and where[0] in ladder.grids:
             nets = [each for each in rung.nets.items() if (*where, each[1]) in cells.index]
