@@ -1,7 +1,6 @@
 """A callback for Stable-Baselines3 that evaluates a model exactly while it learns."""
 
 from pathlib import Path
-from typing import Any
 
 from stable_baselines3.common.callbacks import BaseCallback
 
@@ -43,7 +42,7 @@ class ExactEvalCallback(BaseCallback):
         spec = self.training_env.get_attr("spec")[0]
         if spec is None:
             raise InputError("ExactEvalCallback: accepted: a model whose env gymnasium.make made.")
-        given: dict[str, Any] = spec.kwargs
+        given = spec.kwargs
         self._scenario = load_scenario(given.get("scenario", "S1"), given.get("overrides"))
         self._observation = given.get("observation", "index")
 

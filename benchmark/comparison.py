@@ -6,7 +6,7 @@ verdict follows from a rule that is fixed before the runs, see `verdict`.
 """
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from importlib.util import find_spec
 from itertools import chain
 from math import ceil
@@ -17,6 +17,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter
 from pydantic import Field
+from scipy.stats import trim_mean
 
 from benchmark import statistics, style
 from benchmark.experiment import Experiment
@@ -28,9 +29,10 @@ from benchmark.statistics import (
     Means,
     differences,
     holm,
+    wins,
     with_ends,
 )
-from benchmark.study import Data, FigureFunction, Pairs, Report, TableFunction
+from benchmark.study import Data, Pairs, Report, described
 from envs import InputError
 from envs.inputs import Names, Table, unknown_name
 from envs.packages import missing_package
@@ -78,8 +80,7 @@ class Declared(Report):
 
 def check(experiment: Experiment, declared: Declared) -> None:
     """Raises an InputError if budgets differ, or an unknown learner is named."""
-    if find_spec("rliable") is None:  # said before any run
-        raise missing_package(f"{experiment.name}: its report", "rliable")
+    check_packages(experiment)
     source, settings = experiment.argument, [each.first.settings for each in experiment.populations]
     budgets = {(each.budget, getattr(each, "budget_unit", "steps")) for each in settings}
     if len(budgets) > 1 or budgets.pop()[1] != "steps":
@@ -89,7 +90,13 @@ def check(experiment: Experiment, declared: Declared) -> None:
         for name in np.ravel(getattr(declared, key)):
             if name not in experiment.learners:
                 where = f"{source}: report.{key}"
-                unknown_name(where, "learner", str(name), [*experiment.learners])
+                unknown_name(where, "learner", str(name), experiment.learners)
+
+
+def check_packages(experiment: Experiment) -> None:
+    """Raises an InputError, before any run, if `bootstrap` lacks a package."""
+    if find_spec("rliable") is None:
+        raise missing_package(f"{experiment.name}: its report", "rliable")
 
 
 # Verdicts
@@ -145,7 +152,7 @@ def contrasts(data: Data) -> pd.DataFrame | None:
     updates = data.runs.groupby("learner")["updates"].max()
     sides = [[cells.loc[name].loc[scenarios] for name in pair] for pair in named]
     p_random = [holm([*map(_p_random, own)]) for own in zip(*sides, strict=True)]
-    rows = list[dict[str, Any]]()
+    rows = []
     for (x, y), both, *p_values in zip(named, sides, *p_random, strict=True):
         row = {"x": x, "y": y, "n": min(own["n"].min() for own in both)}
         row |= {"differs": differences(of[x], of[y], [own["diverged"].sum() for own in both])}
@@ -162,10 +169,15 @@ def contrasts(data: Data) -> pd.DataFrame | None:
         tests, matrices = statistics.contrasts(pairs, margin), _matrices(data, endpoint)
         for row, (x, y), test in zip(rows, pairs, tests, strict=True):
             decided, apart = decide(test, margin, row, x, y)
-            found = {"x": x.mean, "y": y.mean, **test._asdict()}
-            found |= {"verdict": decided, "margin": margin}
-            found["except"] = ", ".join(scenarios[i] for i in apart)
-            found["p_improvement"] = improvement(matrices[row["x"]], matrices[row["y"]])
+            found = {
+                "x": x.mean,
+                "y": y.mean,
+                **test._asdict(),
+                "verdict": decided,
+                "margin": margin,
+                "except": ", ".join(scenarios[i] for i in apart),
+                "p_improvement": wins(matrices[row["y"]], matrices[row["x"]][:, None]).mean(),
+            }
             row |= {f"{endpoint}_{key}": value for key, value in found.items()}
     return pd.DataFrame(rows)
 
@@ -226,9 +238,7 @@ def rliable(data: Data) -> pd.DataFrame:
     for endpoint in ENDPOINTS:
         for learner, own in _matrices(data, endpoint).items():
             row = {"endpoint": endpoint, "learner": learner, "n": len(own)}
-            for name, *ends in zip(AGGREGATES, *bootstrap(own, aggregates), strict=True):
-                row |= with_ends(name, Estimate(*ends))
-            rows.append(row)
+            rows.append(row | bootstrap(own))
     return pd.DataFrame(rows)
 
 
@@ -245,21 +255,12 @@ def aggregates(x: Floats) -> Floats:
 
     They are those of `rliable.metrics`, several times as fast.
     """
-    ordered, cut = np.sort(x, axis=None), x.size // 4
-    iqm, median = ordered[cut : x.size - cut].mean(), np.median(x.mean(axis=0))
-    return np.array([iqm, median, x.mean(), 1 - x.mean()])
+    mean = x.mean()
+    return np.array([trim_mean(x, 0.25, axis=None), np.median(x.mean(axis=0)), mean, 1 - mean])
 
 
-def improvement(x: Floats, y: Floats) -> float:
-    """Returns rliable's probability of improvement: a run of x has more than one of y.
-
-    Results are (runs, scenarios). A tie counts half.
-    """
-    return float(np.mean(x[:, None] > y) + np.mean(x[:, None] == y) / 2)
-
-
-def bootstrap(scores: Any, measure: Callable[..., Any]) -> tuple[Floats, Floats, Floats]:
-    """Returns measures of scores, (K,), and the ends of their 95 % intervals.
+def bootstrap(scores: Any) -> dict[str, Any]:
+    """Returns the columns of the aggregates of scores, (runs, scenarios), with their intervals.
 
     Runs are drawn anew within each scenario, by NumPy's global generator, which is seeded, and then
     set back.
@@ -269,10 +270,13 @@ def bootstrap(scores: Any, measure: Callable[..., Any]) -> tuple[Floats, Floats,
     state = np.random.get_state()  # noqa: NPY002
     try:
         np.random.seed(0)  # noqa: NPY002
-        points, ends = get_interval_estimates({"": scores}, measure, reps=_DRAWS)
+        points, ends = get_interval_estimates({"": scores}, aggregates, reps=_DRAWS)
     finally:
         np.random.set_state(state)  # noqa: NPY002
-    return np.atleast_1d(points[""]), *ends[""]
+    columns = dict[str, Any]()
+    for name, *estimate in zip(AGGREGATES, points[""], *ends[""], strict=True):
+        columns |= with_ends(name, Estimate(*estimate))
+    return columns
 
 
 def progress(data: Data) -> pd.DataFrame:
@@ -420,41 +424,37 @@ and for differences and margins; intervals are not. Verdicts are valid only if t
 at once."""
 
 
-TABLES: dict[str, TableFunction] = {
+TABLES = {
     table.__name__: table for table in (progress, contrasts, summary, aggregate, rliable, cost)
 }
-FIGURES: dict[str, FigureFunction] = {
-    "curves": draw_curves,
-    "contrasts": draw_contrasts,
-    "rliable": draw_rliable,
-}
+FIGURES = {"curves": draw_curves, "contrasts": draw_contrasts, "rliable": draw_rliable}
 SHOWN = {
     "contrasts": "x y success_x success_y success_verdict score_verdict success_except differs",
     "aggregate": "learner policy runs success score",
     "cost": "learner cpu_time_s updates parameters peak_memory_mb",
 }
-COLUMNS = {
-    "n": "runs in each scenario, of a contrast the smaller number",
-    "runs": "runs over all scenarios",
-    "p_random_x": "p-value of x succeeding no more often than the random policy, adjusted",
-    "p_random_y": "p-value of y succeeding no more often than the random policy, adjusted",
-    "learned_x": "whether x is shown to learn, see README",
-    "learned_y": "whether y is shown to learn, see README",
-    "diverged": "runs that diverged, and act at random",
-    "untrained_success": "success before training",
-    "*_difference": "* of x minus that of y",
-    "*_low_90": "lower end of the 90 % interval of *",
-    "*_high_90": "upper end of the 90 % interval of *",
-    "*_p_different": "p-value of no difference in *, adjusted",
-    "*_p_equivalent": "p-value of a difference in * of the margin or more, adjusted",
-    "*_verdict": "verdict on x by *",
-    "*_margin": "difference in * that is too small to matter",
-    "*_except": "scenarios that contradict the verdict by *, or where it is not shown",
-    "training_wrong_pings": "wrong PINGs per 1,000 steps of training",
-    "endpoint": "what is aggregated",
-    "iqm": "interquartile mean over runs and scenarios",
-    "median": "median over scenarios of the mean over runs",
-    "mean": "mean over runs and scenarios",
-    "optimality_gap": "mean distance from 1",
-    "*_p_improvement": "share of pairs of runs in which x has more * than y; a tie counts half",
-}
+COLUMNS = described("""\
+n: runs in each scenario, of a contrast the smaller number
+runs: runs over all scenarios
+p_random_x: p-value of x succeeding no more often than the random policy, adjusted
+p_random_y: p-value of y succeeding no more often than the random policy, adjusted
+learned_x: whether x is shown to learn, see README
+learned_y: whether y is shown to learn, see README
+diverged: runs that diverged, and act at random
+untrained_success: success before training
+*_difference: * of x minus that of y
+*_low_90: lower end of the 90 % interval of *
+*_high_90: upper end of the 90 % interval of *
+*_p_different: p-value of no difference in *, adjusted
+*_p_equivalent: p-value of a difference in * of the margin or more, adjusted
+*_verdict: verdict on x by *
+*_margin: difference in * that is too small to matter
+*_except: scenarios that contradict the verdict by *, or where it is not shown
+training_wrong_pings: wrong PINGs per 1,000 steps of training
+endpoint: what is aggregated
+iqm: interquartile mean over runs and scenarios
+median: median over scenarios of the mean over runs
+mean: mean over runs and scenarios
+optimality_gap: mean distance from 1
+*_p_improvement: share of pairs of runs in which x has more * than y; a tie counts half
+""")

@@ -12,7 +12,7 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain, product, zip_longest
 from os.path import isfile, join  # which take any text for a path
@@ -24,7 +24,7 @@ from pydantic import Field, model_validator
 from agents import Algorithm, LearnerSettings, dynamic_programming, load_algorithm
 from benchmark.specification import DEFAULT_CONDITION as DEFAULT_CONDITION
 from benchmark.specification import RunSpecification
-from benchmark.trials import Chosen, Search, Seed, Space, read_chosen, trials
+from benchmark.trials import Chosen, Search, Seed, Space, Values, read_chosen, trials
 from envs import InputError, Scenario, inputs, load_scenario, model
 from envs.inputs import (
     Count,
@@ -49,11 +49,11 @@ _MINIATURE = "_smoke"  # how its name ends
 _RESERVED = "speed|.*_smoke|.*_seeds_.*"
 # Tables that studies of this project do not read
 _UNREAD = {
-    "comparison": ("readings", "grids", "search", "solved"),
-    "replication": ("grids", "search", "solved"),
-    "map": ("readings", "search"),
-    "search": ("readings", "grids"),
-    "suite": ("readings", "grids", "search"),
+    "comparison": "readings grids search solved",
+    "replication": "grids search solved",
+    "map": "readings search",
+    "search": "readings grids",
+    "suite": "readings grids search",
 }
 
 
@@ -78,11 +78,11 @@ class Variant(Table):
     """The first seed; the others follow it."""
     policy: Literal["greedy", "stochastic"] = "greedy"
     """The policy that is evaluated."""
-    settings: dict[str, object] = Field(default_factory=dict)
+    settings: Values = Field(default_factory=dict)
     """Settings of the algorithm, see below."""
     search: Space = Field(default_factory=dict)
     """What a search varies: a table for each setting, by dotted key."""
-    candidates: tuple[dict[str, object], ...] = ()
+    candidates: tuple[Values, ...] = ()
     """Further trials of a search, after those drawn: settings that are known to work, by dotted
     key. All variants have as many."""
     scenarios: Names = ()
@@ -99,11 +99,11 @@ class Variant(Table):
 class Change(Table):
     """A change of scenarios and settings. All conditions have the same random streams."""
 
-    scenario: dict[str, object] = Field(default_factory=dict)
+    scenario: Values = Field(default_factory=dict)
     """Changes of scenarios, as dotted keys."""
     scenarios: Names | None = None
     """Names of the scenarios that it changes; all by default."""
-    settings: dict[str, object] = Field(default_factory=dict)
+    settings: Values = Field(default_factory=dict)
     """Changes of the settings of every variant, as dotted keys."""
 
 
@@ -180,7 +180,7 @@ class Condition:
         names = (f"trial {key}" if isinstance(key, int) else key for key in self.keys.values())
         return "/".join(names) or DEFAULT_CONDITION
 
-    def scenario(self, name: str) -> dict[str, object]:
+    def scenario(self, name: str) -> Values:
         """Returns what it changes of a scenario, by dotted key."""
         return _merged(
             change.scenario
@@ -189,8 +189,8 @@ class Condition:
         )
 
 
-def _merged(tables: Iterable[Mapping[str, object]]) -> dict[str, object]:
-    merged = dict[str, object]()
+def _merged(tables: Iterable[Values]) -> Values:
+    merged = Values()
     for table in tables:
         for key in table:
             merged.pop(key, None)  # a later value comes later, so `a = {}` undoes an earlier `a.b`
@@ -205,7 +205,7 @@ class Declaration(Table):
     """The stem of the file."""
     description: Text
     """What the experiment is about, for readers."""
-    report: dict[str, object] | None = None
+    report: Values | None = None
     """What is drawn, see below; a text stands for a table with this `kind`. Without it, nothing is
     drawn."""
     note: Text = ""
@@ -221,7 +221,7 @@ class Declaration(Table):
     map_every: Count | None = None
     """Steps from one record of all values to the next: a multiple of `evaluation_every`, by default
     equal to it. With `solved`, values are not recorded."""
-    settings: dict[str, object] = Field(default_factory=dict)
+    settings: Values = Field(default_factory=dict)
     """Settings of every variant, unless the variant sets the same key."""
     algorithms: Annotated[dict[Name, Variant], Field(min_length=1)]
     """The variants, by name."""
@@ -237,7 +237,7 @@ class Declaration(Table):
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:
         kind = str((self.report or {}).get("kind"))
-        for name in _UNREAD.get(kind, ()):
+        for name in _UNREAD.get(kind, "").split():
             require(not getattr(self, name), f"{name} in a {kind}", "no such table")
         inputs.distinct(self.scenario_names, "scenarios: ")
         every, maps = self.evaluation_every, self.map_every
@@ -250,7 +250,7 @@ class Declaration(Table):
             for change in condition.changes:
                 self._check_scenarios(change.scenarios or (), condition.name)
             for kind in ("scenario", "settings"):
-                keys = [key for change in condition.changes for key in getattr(change, kind)]
+                keys = chain(*(getattr(change, kind) for change in condition.changes))
                 inputs.distinct(tuple(keys), f"{condition.name}: {kind}.")
         return self
 
@@ -315,14 +315,10 @@ class Declaration(Table):
     @cached_property
     def conditions(self) -> list[Condition]:
         """Readings, the default one first, points of grids, or trials of each variant in turn."""
-        return [*self._readings(), *self._points(), *self._trials()] or [Condition({})]
-
-    def _readings(self) -> Iterator[Condition]:
-        for name in sorted(self.readings, key=lambda name: name != DEFAULT_CONDITION):
-            reading = self.readings[name]
-            yield Condition({"reading": name}, (reading,), seeds=reading.seeds)
-
-    def _points(self) -> Iterator[Condition]:
+        found = [
+            Condition({"reading": name}, (self.readings[name],), seeds=self.readings[name].seeds)
+            for name in sorted(self.readings, key=lambda name: name != DEFAULT_CONDITION)
+        ]
         for name, grid in self.grids.items():
             axes = (
                 [(f"{axis} {value}", change) for value, change in values.items()]
@@ -331,15 +327,14 @@ class Declaration(Table):
             for values in product(*axes):
                 points, changes = zip(*values, strict=True)
                 keys = {"grid": name, "point": ", ".join(points)}
-                yield Condition(keys, (grid, *changes), grid.learners)
-
-    def _trials(self) -> Iterator[Condition]:
+                found.append(Condition(keys, (grid, *changes), grid.learners))
         tried = {name: self.trials_of(name) for name in self.algorithms if self.search}
         for t, of_all in enumerate(zip(*tried.values(), strict=True)):
             for name, settings in zip(tried, of_all, strict=True):
-                yield Condition({"trial": t}, (Change(settings=settings),), (name,))
+                found.append(Condition({"trial": t}, (Change(settings=settings),), (name,)))
+        return found or [Condition({})]
 
-    def trials_of(self, name: str) -> list[dict[str, object]]:
+    def trials_of(self, name: str) -> list[Values]:
         """Returns what each trial of a variant changes, by dotted key."""
         assert self.search is not None
         variant = self.algorithms[name]
@@ -363,7 +358,7 @@ class Extension(Table):
     """A shipped experiment's name, or the path of a TOML file."""
     description: Text
     """What the experiment is about, for readers."""
-    changes: dict[str, object]
+    changes: Values
     """New values, by dotted key. The base's `note` and `report.question` are dropped, and with a
     new table `solved` its `map_every`, too."""
 
@@ -410,7 +405,7 @@ def _path(experiment: str | Path) -> Path:
     return EXPERIMENT_DIRECTORY / f"{name}.toml"
 
 
-def _read(path: Path) -> dict[str, object]:
+def _read(path: Path) -> Values:
     """Reads an experiment's tables; those of an extension are those of its base with changes."""
     data = _tables(path)
     if "extends" in data:
@@ -431,7 +426,7 @@ def _read(path: Path) -> dict[str, object]:
     return data
 
 
-def _tables(path: Path) -> dict[str, object]:
+def _tables(path: Path) -> Values:
     """Reads the tables of one file."""
     data = inputs.read_toml(path)
     if isinstance(data.get("report"), str):
@@ -524,8 +519,7 @@ class Population:
 
     def runs(self, seeds: Iterable[int] | None = None) -> list[RunSpecification]:
         """Lists its runs, with the declared seeds or others."""
-        taken = self.seeds if seeds is None else seeds
-        return [self.first.with_seed(seed) for seed in taken]
+        return [self.first.with_seed(seed) for seed in (self.seeds if seeds is None else seeds)]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -572,22 +566,18 @@ def _of_file(where: str) -> Iterator[None]:
         raise InputError(*lines) from error
 
 
-@dataclass(frozen=True, eq=False)
 class _Loading:
     """An experiment's tables, while all that they name is looked up."""
 
-    declared: Declaration
-    path: Path
-    scenarios: dict[str, Scenario] = field(default_factory=dict)
-    """Without any change, as the file names them."""
-    searched: set[str] = field(default_factory=set)
-    """Contents of the scenarios of searches."""
+    def __init__(self, declared: Declaration, path: Path) -> None:
+        self.declared, self.path = declared, path
+        self.searched = set[str]()  # contents of the scenarios of searches
+        with _of_file(str(path)):  # without any change, as the file names them
+            self.scenarios = {name: load_scenario(name) for name in declared.scenarios}
 
     def experiment(self) -> Experiment:
         """Returns the experiment, or raises an InputError."""
         declared, path = self.declared, self.path
-        with _of_file(str(path)):
-            self.scenarios.update({name: load_scenario(name) for name in declared.scenarios})
         learners = {each.name: each for name in declared.algorithms for each in self.learners(name)}
         if len({learner.title for learner in learners.values()}) < len(learners):
             raise InputError(f"{path}: algorithms: accepted: learners whose titles differ.")
@@ -735,9 +725,9 @@ def _content(scenario: Scenario) -> str:
     return scenario.model_dump_json(exclude={"name", "description"})
 
 
-def _flat(table: Mapping[str, object], prefix: str = "") -> dict[str, object]:
+def _flat(table: Values, prefix: str = "") -> Values:
     """Returns nested tables as one, by dotted key."""
-    flat: dict[str, object] = {}
+    flat: Values = {}
     for key, value in table.items():
         if isinstance(value, dict) and value:
             flat |= _flat(value, f"{prefix}{key}.")
@@ -746,7 +736,7 @@ def _flat(table: Mapping[str, object], prefix: str = "") -> dict[str, object]:
     return flat
 
 
-def _in_miniature(settings: Mapping[str, object], budget: int) -> dict[str, int]:
+def _in_miniature(settings: Values, budget: int) -> dict[str, int]:
     """Returns a small budget, and rollouts and intervals of records that divide it."""
     small = {"budget": min(max(budget // 25, 1), 1000)} | dict.fromkeys({"n_envs"} & {*settings}, 1)
     for key in ("n_steps", "train_freq", "record_every"):
@@ -761,8 +751,7 @@ def interleaved(listed: Iterable[Sequence[RunSpecification]]) -> list[RunSpecifi
     An interrupted experiment therefore has runs of every population. A condition that changes
     nothing in a scenario has the same runs there as an earlier condition.
     """
-    first: dict[str, RunSpecification] = {}
-    for run in chain.from_iterable(zip_longest(*listed)):
-        if run is not None:
-            first.setdefault(run.digest, run)
+    first = dict[str, RunSpecification]()
+    for run in filter(None, chain.from_iterable(zip_longest(*listed))):
+        first.setdefault(run.digest, run)
     return [*first.values()]

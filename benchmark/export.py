@@ -108,8 +108,12 @@ def _export(run: RunSpecification, title: str, path: Path) -> None:
         raise InputError(f"{title}: there is no agent to write: {reason}.")
     greedy, q, stochastic = (record.arrays[name] for name in POLICY)
     if path.suffix.lower() == ".npz":
-        tables: dict[str, Any] = {"q": q, "greedy": mask_policy(greedy[-1])}
-        tables["observations"] = observation_table(compile_seen(scenario, form), form)
-        tables["stochastic"] = stochastic[-1:].reshape(-1, 5)
         with path.open("wb") as file:
-            np.savez(file, about=about, **tables)
+            np.savez(
+                file,
+                about=about,
+                q=q,
+                greedy=mask_policy(greedy[-1]),
+                observations=observation_table(compile_seen(scenario, form), form),
+                stochastic=stochastic[-1:].reshape(-1, 5),
+            )

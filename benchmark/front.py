@@ -3,7 +3,7 @@
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from textwrap import fill
+from textwrap import TextWrapper, fill
 
 import pandas as pd
 
@@ -31,11 +31,10 @@ def answer(results: Path, name: str) -> str:
 
 def index(results: Path) -> str:
     """Returns README of `results`."""
-    found = [
-        f"- [{name}]({name}/README.md): {answer(results, name)}" for name in _published(results)
-    ]
+    style = TextWrapper(100, subsequent_indent="  ", break_on_hyphens=False)
     listed = "\n".join(
-        fill(each, 100, subsequent_indent="  ", break_on_hyphens=False) for each in found
+        style.fill(f"- [{name}]({name}/README.md): {answer(results, name)}")
+        for name in _published(results)
     )
     return f"""\
 # Results
@@ -111,9 +110,8 @@ Needed: Python 3.11 or newer, make, git. Clone with `--depth 1`: the history is 
 
 def _drawn(results: Path, name: str, title: str, more: str) -> str:
     """Returns a section of what was found in a folder, and of its first figure."""
-    figure = re.findall(r"!\[.*\]\((.*)\)", (results / name / README).read_text(encoding="utf-8"))[
-        0
-    ]
+    text = (results / name / README).read_text(encoding="utf-8")
+    figure = re.findall(r"!\[.*\]\((.*)\)", text)[0]
     found = fill(answer(results, name), 100, break_on_hyphens=False)
     return f"""\
 ## {title}

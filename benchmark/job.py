@@ -8,17 +8,16 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 from functools import cache, partial
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents import Schedule, Training, check_training, load_algorithm
 from agents.dynamic_programming import evaluate
 from agents.policy import mask_policy, uniform_policy
 from benchmark.provenance import peak_memory_mb, provenance, reset_peak_memory
+from benchmark.records import Array, Floats
 from benchmark.specification import RunSpecification, given_up, solved
 from benchmark.store import VALUE_DECIMALS, Record, evaluated
 from envs import InputError, Model
@@ -26,7 +25,6 @@ from envs.observations import compile_seen
 from envs.packages import contained
 
 Job = list[RunSpecification]
-Floats = NDArray[np.float64]
 
 # Of a job with several runs: budget units, since an interrupt waits for jobs in threads, and bytes.
 MAX_JOB_WORK = 10_000_000
@@ -39,7 +37,7 @@ _CURVE = ("disagreements", "cpu_time_s", "updates", "parameters", "diverged_at")
 
 def plan(runs: Sequence[RunSpecification]) -> list[Job]:
     """Splits runs, none of which comes twice, into jobs, in the order of the first run of each."""
-    populations: dict[str, Job] = {}
+    populations = dict[str, Job]()
     for run in runs:
         populations.setdefault(run.population, []).append(run)
     index = {run.digest: i for i, run in enumerate(runs)}
@@ -57,7 +55,7 @@ def execute_job(job: Job) -> list[Record]:
 
     If training raises an exception, all of them have failed.
     """
-    started = time.perf_counter()
+    started_at, started = datetime.now(UTC), time.perf_counter()
     reset_peak_memory()
     try:
         if replace(job[0]).digest != job[0].digest:
@@ -66,12 +64,9 @@ def execute_job(job: Job) -> list[Record]:
         columns = contained()(train)(job)
     except Exception as exception:
         return failures(job, exception)
-    seconds = time.perf_counter() - started
     made = provenance(job[0].algorithm) | {
-        "started_at": (datetime.now(UTC) - timedelta(seconds=seconds)).isoformat(
-            timespec="seconds"
-        ),
-        "wall_time_s": seconds / len(job),
+        "started_at": started_at.isoformat(timespec="seconds"),
+        "wall_time_s": (time.perf_counter() - started) / len(job),
         "peak_memory_mb": peak_memory_mb(),
     }
     # CPU time is measured, so it is no result: arrays are the same whenever a run is repeated.
@@ -105,7 +100,7 @@ def _train(job: Job, model: Model, schedule: Schedule) -> Training:
 # Runs that are trained to their budget
 
 
-def _trained(job: Job) -> dict[str, NDArray[Any]]:
+def _trained(job: Job) -> dict[str, Array]:
     """Trains N runs; returns what their records hold, (N, ...) each, see `Record`."""
     horizon, model = job[0].horizon, compile_seen(job[0].scenario, job[0].observation)
     training = _train(job, model, job[0].schedule)
@@ -128,13 +123,13 @@ def _trained(job: Job) -> dict[str, NDArray[Any]]:
 # Runs that are measured until they have solved their scenario
 
 
-def _trained_until_solved(job: Job) -> dict[str, NDArray[Any]]:
+def _trained_until_solved(job: Job) -> dict[str, Array]:
     """Trains N runs, each in its own scenario; returns their curves, (N, ...) each."""
     curves = [_until_solved(run) for run in job]
     return {name: np.concatenate([columns[name] for columns in curves]) for name in curves[0]}
 
 
-def _until_solved(run: RunSpecification) -> dict[str, NDArray[Any]]:
+def _until_solved(run: RunSpecification) -> dict[str, Array]:
     """Trains a run until it has solved its scenario or is given up, see `Solved`.
 
     Returns its curves, (1, ...). After the point at which that is certain, a curve repeats its

@@ -17,7 +17,7 @@ otherwise, it is known from simulation.
 """
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import chain, product
 from math import prod
 from typing import Annotated, Any
@@ -37,8 +37,8 @@ from benchmark.records import random_success
 from benchmark.statistics import (
     ALPHA,
     Estimate,
+    Floats,
     differences,
-    ends_of,
     holm,
     median,
     p_half,
@@ -47,26 +47,16 @@ from benchmark.statistics import (
     wins,
     with_ends,
 )
-from benchmark.study import (
-    Data,
-    FigureFunction,
-    Pairs,
-    Report,
-    TableFunction,
-    giving_up,
-    learning,
-    solved_of,
-)
+from benchmark.study import Data, Pairs, Report, described, giving_up, learning, solved_of
 from benchmark.style import WIDTH, Look, figure_of
 from envs import InputError, compile_scenario
 from envs.inputs import Label, Names, Table, unknown_name
 
-Numbers = NDArray[np.float64]
-Key = tuple[str, str, str]
 Pair = Mapping[str, pd.DataFrame]  # runs of x and of y, by seed
 _WRONG = "training_wrong_pings"
 KEYS = ["grid", "point", "learner"]  # the columns that name a population
 NEW = ("unseen", "new_way")  # where training never was
+_SUCCESSES = [f"{unit}_success" for unit in NEW]
 
 # What an experiment declares
 
@@ -137,15 +127,24 @@ class Declared(Report):
 
 def check(experiment: Experiment, declared: Declared) -> None:
     """Raises an InputError if grids, contrasts, budgets, seeds or figures do not fit a map."""
-    where, given = experiment.argument, experiment.declared
-    for key, value in {"[grids]": given.grids, "[solved]": given.solved}.items():
-        if not value:
-            raise InputError(f"{where}: {key} is missing; this report needs it.")
+    where, grids, ladder = experiment.argument, experiment.declared.grids, declared.ladder
+    if not grids:
+        raise InputError(f"{where}: [grids] is missing; this report needs it.")
+    solved_of(experiment)
     if len(experiment.scenarios) > 1:
         raise InputError(f"{where}: scenarios: {len(experiment.scenarios)}: accepted: exactly one.")
-    for kind, name, accepted in _named(experiment, declared):
-        if name not in accepted:
-            unknown_name(f"{where}: report", kind, name, accepted)
+    on_ladder, rungs = (ladder.grids, ladder.rungs) if ladder else ((), ())
+    shown = chain.from_iterable(panel.learners for panel in declared.panels)
+    flat = [name for name, grid in grids.items() if len(grid.axes) == 1]
+    drawn = chain(on_ladder, (panel.grid for panel in declared.panels))
+    named = chain(*declared.pairs, shown, (rung.tiles for rung in rungs))
+    for kind, names, accepted in (
+        ("grid with one axis", drawn, flat),
+        ("learner", named, experiment.learners),
+    ):
+        for name in names:
+            if name not in accepted:
+                unknown_name(f"{where}: report", kind, name, accepted)
     if not declared.pairs:
         raise InputError(f"{where}: report.contrasts is missing; this report needs it.")
     for contrast in declared.pairs:
@@ -157,26 +156,12 @@ def check(experiment: Experiment, declared: Declared) -> None:
             raise InputError(f"{where}: {found}: accepted: {rule}.")
 
 
-def _named(experiment: Experiment, declared: Declared) -> Iterator[tuple[str, str, Sequence[str]]]:
-    """Yields what kind of thing a report names, its name, and the names that there are."""
-    grids, learners = experiment.declared.grids, [*experiment.learners]
-    flat = [name for name, grid in grids.items() if len(grid.axes) == 1]
-    on_ladder = declared.ladder.grids if declared.ladder else ()
-    for name in chain(on_ladder, (panel.grid for panel in declared.panels)):
-        yield "grid with one axis", name, flat
-    rungs = declared.ladder.rungs if declared.ladder else ()
-    shown = chain.from_iterable(panel.learners for panel in declared.panels)
-    for name in chain(*declared.pairs, shown, (rung.tiles for rung in rungs)):
-        yield "learner", name, learners
-
-
 # Populations
 
 
-def key_of(population: Population) -> Key:
+def key_of(population: Population) -> tuple[object, ...]:
     """Returns the columns that name a population: its grid, its point there, and its learner."""
-    grid, point, learner = (str(population.keys[name]) for name in KEYS)
-    return grid, point, learner
+    return tuple(population.keys[name] for name in KEYS)
 
 
 def compared(
@@ -240,7 +225,7 @@ def until_learned(curves: pd.DataFrame, level: float) -> dict[str, NDArray[Any]]
 
 def cells(data: Data) -> pd.DataFrame:
     """How many runs learn, and medians."""
-    runs, rows = _by_key(data), list[dict[str, Any]]()
+    runs, rows = _by_key(data), []
     for population in data.experiment.populations:
         own = runs[key_of(population)]
         is_learned = np.isfinite(own["steps"].to_numpy())
@@ -249,7 +234,7 @@ def cells(data: Data) -> pd.DataFrame:
         row |= {"n_at_last": own["at_last"].sum()} | with_ends("solved", proportion(is_learned))
         for name in ("steps", "wrong_pings"):
             row |= with_ends(name, median(own[name].to_numpy()))
-        for name in (f"{unit}_success" for unit in NEW):
+        for name in _SUCCESSES:
             row |= with_ends(name, proportion(own[name].to_numpy()))
         rows.append(row)
     return pd.DataFrame(rows)
@@ -268,29 +253,23 @@ def rungs(data: Data) -> pd.DataFrame | None:
     ladder = data.declared.ladder
     if ladder is None:
         return None
-    cells = data.tables["cells"].set_index(KEYS)
-    decided = data.tables["contrasts"].set_index([*KEYS[:2], "x", "y"])
-    successes, rows = [f"{unit}_success" for unit in NEW], list[dict[str, Any]]()
-    shown = ["n", "n_solved", "steps", *successes]
+    cells, rows = data.tables["cells"].set_index(KEYS), []
     for rung, (*where, tiles) in product(ladder.rungs, cells.index):
-        if tiles != rung.tiles or where[0] not in ladder.grids:
-            continue
-        nets = {title: net for title, net in rung.nets.items() if (*where, net) in cells.index}
-        for title, net in (nets or {"none": ""}).items():
-            row: dict[str, Any] = {"rung": rung.title, "point": where[1], "net": title}
-            sides = {"tiles": tiles, "net": net} if net else {"tiles": tiles}
-            for side, learner in sides.items():
-                cell = cells.loc[(*where, learner)]
-                row |= {"budget": cell["budget"]}
-                row |= {f"{side}_{name}": cell[name] for name in shown}
-            if net:
-                test = decided.loc[(*where, net, tiles)]
-                row |= with_ends("net_wins", ends_of("steps_wins", test))
-                row |= {"steps_verdict": test["steps_verdict"]}
-            rows.append(row)
-    scored = [f"{side}_{name}" for side in ("tiles", "net") for name in successes]
-    rows.append({"rung": "chance", "point": "", "net": ""} | dict.fromkeys(scored, _chance(data)))
-    return pd.DataFrame(rows)
+        if tiles == rung.tiles and where[0] in ladder.grids:
+            nets = [each for each in rung.nets.items() if (*where, each[1]) in cells.index]
+            rows += [(rung.title, *where, *net, tiles) for net in nets or [("none", "")]]
+    rows.append(("chance", *[""] * 5))
+    point, at = KEYS[:2], [*KEYS[:2], "x", "y"]
+    table = pd.DataFrame(rows, columns=["rung", *point, "net", "x", "y"])
+    table = table.join(cells["budget"], on=[*point, "y"])
+    for side, learner in (("tiles", "y"), ("net", "x")):
+        shown = cells[["n", "n_solved", "steps", *_SUCCESSES]].add_prefix(f"{side}_")
+        table = table.join(shown, on=[*point, learner])
+        table.loc[table.index[-1], [f"{side}_{name}" for name in _SUCCESSES]] = _chance(data)
+    tests = data.tables["contrasts"].set_index(at)
+    wins = tests.filter(like="steps_wins").rename(columns=lambda name: f"net_{name[6:]}")
+    table = table.join(wins, on=at).join(tests["steps_verdict"], on=at)
+    return table.drop(columns=["grid", "x", "y"])
 
 
 def _chance(data: Data) -> float:
@@ -304,7 +283,7 @@ def _chance(data: Data) -> float:
 
 def contrasts(data: Data) -> pd.DataFrame:
     """The declared contrasts, with verdicts."""
-    runs, rows = _by_key(data), list[dict[str, Any]]()
+    runs, rows = _by_key(data), list[tuple[object, ...]]()
     pairs = dict[str, Pair]()  # by their runs: a contrast in two grids is decided once
     for x, y in compared(data.experiment, data.declared.pairs):
         of_x, of_y = runs[key_of(x)], runs[key_of(y)]
@@ -312,12 +291,11 @@ def contrasts(data: Data) -> pd.DataFrame:
         pair = {"x": of_x.loc[both], "y": of_y.loc[both]}
         pairs[key := " ".join(chain(*(own["run"] for own in pair.values())))] = pair
         diverged = [(own["diverged_at"] <= own["budget"]).sum() for own in pair.values()]
-        row: dict[str, Any] = dict(zip(("grid", "point", "x"), key_of(x), strict=True))
-        row |= {"y": y.learner.name, "key": key, "n": len(both)}
-        for side, own in pair.items():
-            row[f"learned_{side}"] = np.isfinite(own["steps"]).sum()
-        rows.append(row | {"differs": differences(x, y, diverged)})
-    table = pd.DataFrame(rows)
+        learned = [np.isfinite(own["steps"]).sum() for own in pair.values()]
+        row = *key_of(x), y.learner.name, key, len(both), *learned, differences(x, y, diverged)
+        rows.append(row)
+    names = ["grid", "point", "x", "y", "key", "n", "learned_x", "learned_y", "differs"]
+    table = pd.DataFrame(rows, columns=names)
     for unit in UNITS:
         having = {key: pair for key, pair in pairs.items() if pair["x"][unit].notna().all()}
         if having:
@@ -344,20 +322,19 @@ def decide_all(pairs: Mapping[str, Pair], unit: str, margins: Margins) -> pd.Dat
     """Decides contrasts in a unit: the verdict, why there is none, and how often x takes less."""
     parts = [evidence(pair, unit, margins) for pair in pairs.values()]
     found: Any = pd.DataFrame(parts, index=[*pairs])
-    words = UNITS[unit]
     adjusted = np.array(holm((_ENDS * found["p_known"]).clip(upper=1)))
     n_open, tail = (adjusted > ALPHA).sum(), ALPHA / _ENDS / len(found)
     cases = {
-        words[0]: (adjusted <= ALPHA) & (found["less"] > 0.5),
-        words[1]: adjusted <= ALPHA,
+        UNITS[unit][0]: (adjusted <= ALPHA) & (found["less"] > 0.5),
+        UNITS[unit][1]: adjusted <= ALPHA,
         NO_VERDICT: _ENDS * n_open * found["p"] <= ALPHA,
         NEITHER: proportion_interval(found["never"], found["n"], tail)[0] > 0.5,
     }
     decided = np.select([*cases.values()], [*cases], UNDECIDED)
     why = found["why"].where(decided == NO_VERDICT, "")
     ends = proportion_interval(found["less"], found["n"], tail)
-    wins = with_ends(f"{unit}_wins", Estimate(found["less"], *ends))
-    return pd.DataFrame({f"{unit}_verdict": decided, f"{unit}_why": why} | wins, index=[*pairs])
+    wins = with_ends("wins", Estimate(found["less"], *ends))
+    return pd.DataFrame({"verdict": decided, "why": why, **wins}).add_prefix(f"{unit}_")
 
 
 def evidence(pair: Pair, unit: str, margins: Margins) -> dict[str, object]:
@@ -421,12 +398,7 @@ def _flaw(winner: pd.DataFrame, loser: pd.DataFrame, unit: str, margins: Margins
     return "" if more > less and more >= round(margins.ratio * less, 9) else SMALL
 
 
-TABLES: dict[str, TableFunction] = {
-    "took": took,
-    "cells": cells,
-    "contrasts": contrasts,
-    "rungs": rungs,
-}
+TABLES = {"took": took, "cells": cells, "contrasts": contrasts, "rungs": rungs}
 
 # Figures
 
@@ -451,12 +423,9 @@ def ladder(data: Data) -> Figure | None:
     cells, rungs = data.tables["cells"].set_index(KEYS), declared.rungs
     on_ladder = [key for key in cells.index if key[0] in declared.grids]
     known = {key[1:]: key for key in on_ladder}  # by point and learner
-    n_points, points = (
-        Counter(learner for _, learner in known),
-        [*dict.fromkeys(at for at, _ in known)],
-    )
+    n_points = Counter(learner for _, learner in known)
+    points = dict.fromkeys(at for at, _ in known)
     known |= {(at, key[2]): key for key in on_ladder if n_points[key[2]] == 1 for at in points}
-    names = [next(iter(rung.nets), "") for rung in rungs]
     with figure_of(2, len(points), (WIDTH, 5.6)) as (figure, axes):
         for column, point in zip(axes.T, points, strict=True):
             for axis, name in zip(column, _ROWS, strict=True):
@@ -472,13 +441,12 @@ def ladder(data: Data) -> Figure | None:
                 axis.set_xticks(range(len(rungs)), [""] * len(rungs))
                 axis.set_xlim(-0.5, len(rungs) - 0.5)
             column[0].set_title(" ".join(reversed(point.split())), loc="left")
-            column[1].axhline(_chance(data), **_CHANCE)
             titles = [rung.title for rung in rungs]
             column[1].set_xticklabels(titles, rotation=40, ha="right", rotation_mode="anchor")
-        titles = ["tile coding", next(filter(None, names), "net")]
-        marks = dict(zip(titles, (Line2D([], [], **look) for look in _SIDES), strict=True))
+        net = next(chain(*(rung.nets for rung in rungs)), "net")
+        lines = (Line2D([], [], **look) for look in _SIDES)
         figure.supxlabel("what learners are told (more →)", fontsize="medium")
-        _finish(data, figure, axes, marks | {"chance": Line2D([], [], **_CHANCE)})
+        _finish(data, figure, axes, dict(zip(["tile coding", net], lines, strict=True)))
     return figure
 
 
@@ -503,8 +471,7 @@ def along(data: Data) -> Figure | None:
                 axis.set_xticks(range(len(numbers)), numbers)
             column[0].set_title(panel.title, loc="left")
             column[1].set_xlabel(name)
-            column[1].axhline(_chance(data), **_CHANCE)
-        _finish(data, figure, axes, lines | {"chance": Line2D([], [], **_CHANCE)})
+        _finish(data, figure, axes, lines)
     return figure
 
 
@@ -520,7 +487,7 @@ def _draw(
     return line
 
 
-def _shown(data: Data, cells: pd.DataFrame, name: str) -> Numbers:
+def _shown(data: Data, cells: pd.DataFrame, name: str) -> Floats:
     """Returns a column of cells with its ends, (3, cells), as far as figures show them."""
     shown = cells[[name, f"{name}_low", f"{name}_high"]].to_numpy().T
     if name != "steps":
@@ -530,7 +497,9 @@ def _shown(data: Data, cells: pd.DataFrame, name: str) -> Numbers:
 
 
 def _finish(data: Data, figure: Figure, axes: NDArray[Any], lines: Mapping[str, Line2D]) -> None:
-    """Gives both rows their scales and labels, and the figure its legend."""
+    """Gives both rows their scales and labels, draws chance, and gives the figure its legend."""
+    for axis in axes[1]:
+        axis.axhline(_chance(data), **_CHANCE)
     for row, label in zip(axes, _ROWS.values(), strict=True):
         row[0].set_ylabel(label)
         for axis in row:
@@ -544,17 +513,12 @@ def _finish(data: Data, figure: Figure, axes: NDArray[Any], lines: Mapping[str, 
     top.yaxis.set_minor_locator(NullLocator())
     top.set_ylim(0.8 * low, 1.3 * _NEVER * budget)
     bottom.set(ylim=(-0.03, 1.03), yticks=(0, 0.5, 1))
-    marks = {**lines} | _HOLLOW
-    figure.legend(
-        marks.values(),
-        marks,
-        loc="outside upper center",
-        ncols=4 if len(marks) < 5 else 3,
-        frameon=False,
-    )
+    marks = {**lines, "chance": Line2D([], [], **_CHANCE)} | _HOLLOW
+    n_columns = 4 if len(marks) < 5 else 3
+    figure.legend(marks.values(), marks, loc="outside upper center", ncols=n_columns, frameon=False)
 
 
-FIGURES: dict[str, FigureFunction] = {"ladder": ladder, "along": along}
+FIGURES = {"ladder": ladder, "along": along}
 
 # Text
 
@@ -565,30 +529,30 @@ SHOWN = {
     ),
     "contrasts": "grid point x y n learned_x learned_y steps_verdict steps_why unseen_verdict",
 }
-COLUMNS = {
-    "at_last": "whether the run reaches the level in the last evaluation only",
-    "grid": "grid of the experiment",
-    "learned_x": "runs of x that learn",
-    "learned_y": "runs of y that learn",
-    "lost": "whether success is below the level later: at the end, or for half of the time",
-    "n": "runs; of contrasts, pairs of runs",
-    "n_at_last": "runs that reach the level in the last evaluation only",
-    "n_solved": "runs that learn",
-    "net": "net that is told the same as tile coding",
-    "net_*": "* of the net",
-    "net_wins": "probability that the net takes fewer steps than tile coding",
-    "point": "point of the grid",
-    "rung": "what learners are told",
-    "solved": "share of runs that learn",
-    "steps": "steps until a run has learned, or their median; inf if it never does",
-    "steps_before": "steps of the evaluation before",
-    "tiles_*": "* of tile coding",
-    "untrained": "whether the untrained policy reaches the level",
-    "wrong_pings": "wrong PINGs until a run has learned, or their median; inf if it never does",
-    "*_verdict": "the verdict on x by *",
-    "*_why": "why there is no verdict by *",
-    "*_wins": "probability that x takes less than y, or succeeds more often, by *",
-}
+COLUMNS = described("""\
+at_last: whether the run reaches the level in the last evaluation only
+grid: grid of the experiment
+learned_x: runs of x that learn
+learned_y: runs of y that learn
+lost: whether success is below the level later: at the end, or for half of the time
+n: runs; of contrasts, pairs of runs
+n_at_last: runs that reach the level in the last evaluation only
+n_solved: runs that learn
+net: net that is told the same as tile coding
+net_*: * of the net
+net_wins: probability that the net takes fewer steps than tile coding
+point: point of the grid
+rung: what learners are told
+solved: share of runs that learn
+steps: steps until a run has learned, or their median; inf if it never does
+steps_before: steps of the evaluation before
+tiles_*: * of tile coding
+untrained: whether the untrained policy reaches the level
+wrong_pings: wrong PINGs until a run has learned, or their median; inf if it never does
+*_verdict: the verdict on x by *
+*_why: why there is no verdict by *
+*_wins: probability that x takes less than y, or succeeds more often, by *
+""")
 
 
 def headline(data: Data) -> str:

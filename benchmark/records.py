@@ -109,8 +109,9 @@ class _Stacked(dict[str, Array]):
 def load_records(runs: Sequence[RunSpecification], store: Store) -> Records:
     """Reads the records of runs of a population; an InputError says if one is not valid."""
     records = store.get(run.digest for run in runs)
-    if failed := [run for run, record in zip(runs, records, strict=True) if record.error]:
-        raise InputError(f"{failed[0].folder}: this run failed: run the experiment again.")
+    for run, record in zip(runs, records, strict=True):
+        if record.error:
+            raise InputError(f"{run.folder}: this run failed: run the experiment again.")
     arrays = [record.arrays for record in records]
     return Records(runs, arrays, [record.provenance for record in records])
 

@@ -29,9 +29,18 @@ from benchmark.experiment import DEFAULT_CONDITION as DEFAULT
 from benchmark.experiment import Experiment
 from benchmark.records import OPTIMUM_TOLERANCE, Records, load_records
 from benchmark.scenes import colour_bar, dots, heat, region_legend, triangles
-from benchmark.statistics import LEVEL, Numbers, interval, proportion, resample, student, with_ends
+from benchmark.statistics import (
+    LEVEL,
+    Floats,
+    Numbers,
+    interval,
+    proportion,
+    resample,
+    student,
+    with_ends,
+)
 from benchmark.store import Store
-from benchmark.study import Data, Report
+from benchmark.study import Data, Report, described
 from benchmark.style import WIDTH, draw_cells, figure_of, norm_of
 from envs import ACTIONS, InputError, compile_scenario, load_scenario
 from envs.model import PING
@@ -41,7 +50,6 @@ from envs.scene import scene_of
 from envs.words import listed
 
 Agents = Mapping[str, Records]  # of one reading of the paper, by scenario
-Floats = NDArray[np.float64]
 
 READS_STORE = True  # action values are not published
 SCENARIOS = ("S1", "S2", "S3")  # the paper's, which its claims are about
@@ -117,7 +125,7 @@ class Claim(NamedTuple):
     title: str  # in a few words
     right_side: str  # ">" or "<": where a part must lie
     threshold: float
-    groups: Sequence[tuple[str, ...]]  # of scenarios
+    groups: str  # of scenarios, as in "S2/S1 S2/S3"
     measures: Sequence[Callable[..., Part]]  # of a curve and of a group
     about: str  # for readers: how it is measured
 
@@ -173,8 +181,8 @@ def _valued_outside(_: str, agents: Records) -> Part:
 
 
 def _missing_inside(_: str, agents: Records) -> Part:
-    value, high, low = (~_signs(agents)[:, agents.in_target]).sum(axis=1).tolist()
-    return Part(agents.scenario, value, low, high)
+    counts = (~_signs(agents)[:, agents.in_target]).sum(axis=1)
+    return Part(agents.scenario, *counts[[0, 2, 1]])
 
 
 def _reaches(_: str, agents: Records) -> Part:
@@ -220,52 +228,52 @@ def _own_maps_differ(_: str, *both: Records) -> Part:
 _VARIABILITY = (partial(_ratio, _spread),)
 CLAIMS = (
     Claim(
-        "variability-S2", "max Q varies most in S2", ">", 1.0, (("S2", "S1"), ("S2", "S3")),
+        "variability-S2", "max Q varies most in S2", ">", 1.0, "S2/S1 S2/S3",
         _VARIABILITY,
         "standard deviation of max Q over agents, mean over steps, as a ratio",
     ),
     Claim(
-        "max-near-1", "max Q reaches about 1", ">", 0.95, (("S1",), ("S3",)), (_near_one,),
+        "max-near-1", "max Q reaches about 1", ">", 0.95, "S1 S3", (_near_one,),
         "level that an agent's max Q reaches in 1 % of steps; in S3 no PING pays more than 0.857",
     ),
     Claim(
-        "variability-S3", "max Q varies least in S3", "<", 1.0, (("S3", "S1"), ("S3", "S2")),
+        "variability-S3", "max Q varies least in S3", "<", 1.0, "S3/S1 S3/S2",
         _VARIABILITY, "the same ratios of standard deviations",
     ),
     Claim(
-        "moves-focused", "moves are most focused in S3", "<", 1.0, (("S3", "S1"), ("S3", "S2")),
+        "moves-focused", "moves are most focused in S3", "<", 1.0, "S3/S1 S3/S2",
         (partial(_ratio, _focus),),
         "mean distance to the target region, weighted by positive mean Q of moves, as a ratio",
     ),
     Claim(
-        "ping-S3", "S3: no cell outside valued", "<", 1.0, (("S3",),), (_valued_outside,),
+        "ping-S3", "S3: no cell outside valued", "<", 1.0, "S3", (_valued_outside,),
         "cells outside the target region with a mean Q of PING above zero",
     ),
     Claim(
-        "ping-S3-inside", "S3: all target cells valued", "<", 1.0, (("S3",),), (_missing_inside,),
+        "ping-S3-inside", "S3: all target cells valued", "<", 1.0, "S3", (_missing_inside,),
         "target cells where it is not",
     ),
     Claim(
-        "ping-S1", "S1: cells outside valued", ">", 0.0, (("S1",),), (_valued_outside,),
+        "ping-S1", "S1: cells outside valued", ">", 0.0, "S1", (_valued_outside,),
         "cells outside the target region where it is",
     ),
     Claim(
-        "reaches", "S1: the target is reached", ">", 0.95, (("S1",),), (_reaches,),
+        "reaches", "S1: the target is reached", ">", 0.95, "S1", (_reaches,),
         "agents whose greedy policy PINGs in the target region more likely than not",
     ),
     Claim(
-        "random-helps", "random feedback helps", ">", 0.0, (("S2", "S1"),),
+        "random-helps", "random feedback helps", ">", 0.0, "S2/S1",
         (_mean_maps_differ, _own_maps_differ),
         "overlap of the cells with Q of PING above zero and the target region (intersection over "
         "union), S2 minus S1",
     ),
     Claim(
-        "identifies", "S2, S3: region identified", ">", 0.9, (("S2",), ("S3",)),
+        "identifies", "S2, S3: region identified", ">", 0.9, "S2 S3",
         (_mean_map, _own_maps),
         "the same overlap, by mean Q and by each agent's own",
     ),
     Claim(
-        "identifies-S1", "S1: region identified", ">", 0.9, (("S1",),), (_mean_map, _own_maps),
+        "identifies-S1", "S1: region identified", ">", 0.9, "S1", (_mean_map, _own_maps),
         "the same",
     ),
 )  # fmt: skip
@@ -282,11 +290,11 @@ def judge(agents: Agents, curve: str, claims: Sequence[Claim] = CLAIMS) -> pd.Da
     seeds = agents[SCENARIOS[0]].seeds
     parts = pd.DataFrame(
         {"claim": claim.id, "agents": len(seeds), "first_seed": seeds[0]}
-        | measure(curve, *(agents[name] for name in group))._asdict()
+        | measure(curve, *(agents[name] for name in group.split("/")))._asdict()
         | {"right_side": claim.right_side, "threshold": claim.threshold}
         for claim in claims
         for measure in claim.measures
-        for group in claim.groups
+        for group in claim.groups.split()
     )
     sign = np.where(parts["right_side"] == ">", 1, -1)
     ends = sign * (parts[["low", "high"]].to_numpy().T - parts["threshold"].to_numpy())
@@ -333,44 +341,34 @@ def optimal(data: Data) -> pd.DataFrame:
 
 def max_q(data: Data) -> pd.DataFrame:
     """Maximum Q of the visited cell over training."""
-    return _by_scenario(data, _max_q)
-
-
-def _max_q(agents: Records) -> dict[str, Any]:
-    curves = _over_agents(agents.arrays["max_q"])
-    steps = np.arange(len(curves["mean"])) * agents.run.settings.model_dump()["record_every"]
-    return {"step": steps, **curves}
+    frames = []
+    for name, agents in sets_of(data)[0].items():
+        every = agents.run.settings.model_dump()["record_every"]
+        curves = agents.arrays["max_q"]
+        steps = np.arange(curves.shape[1]) * every
+        frames.append(_over_agents({"scenario": name, "step": steps}, curves))
+    return pd.concat(frames, ignore_index=True)
 
 
 def q_values(data: Data) -> pd.DataFrame:
     """Final Q of every cell and action."""
-    return _by_scenario(data, _q_values)
-
-
-def _q_values(agents: Records) -> dict[str, Any]:
-    cells, values = agents.model.position, _over_agents(agents.arrays["q"])
-    row, column = cells.repeat(len(ACTIONS), axis=0).T
-    return {
-        **{"row": row, "column": column, "action": np.tile(ACTIONS, len(cells))},
-        **{name: array.ravel() for name, array in values.items()},
-    }
-
-
-def _by_scenario(data: Data, columns: Callable[[Records], dict[str, Any]]) -> pd.DataFrame:
-    """Returns columns of the agents that figures show, one scenario after the other."""
-    few = sets_of(data)[0].items()
-    frames = [pd.DataFrame({"scenario": name} | columns(agents)) for name, agents in few]
+    frames = []
+    for name, agents in sets_of(data)[0].items():
+        row, column = agents.model.position.repeat(len(ACTIONS), axis=0).T
+        where = {"row": row, "column": column, "action": np.resize(ACTIONS, len(row))}
+        frames.append(_over_agents({"scenario": name, **where}, agents.arrays["q"]))
     return pd.concat(frames, ignore_index=True)
 
 
-def _over_agents(values: Floats) -> dict[str, Floats]:
-    """Returns statistics over N agents of their (N, ...) values."""
-    return {
+def _over_agents(keys: Mapping[str, Any], values: Floats) -> pd.DataFrame:
+    """Returns columns of keys, and of statistics over N agents of their (N, ...) values."""
+    statistics = {
         "mean": values.mean(axis=0),
         "std": values.std(axis=0, ddof=1),
         "min": values.min(axis=0),
         "max": values.max(axis=0),
     }
+    return pd.DataFrame({**keys, **{name: each.ravel() for name, each in statistics.items()}})
 
 
 # Figures
@@ -440,28 +438,29 @@ def sensitivity_figure(data: Data) -> Figure:
 TABLES = {"claims": claims, "optimal": optimal, "max_q": max_q, "q_values": q_values}
 FIGURES = {"figure": figure, "sensitivity": sensitivity_figure}
 SHOWN = {"optimal": "scenario agents success optimal_share"}
-COLUMNS = {
-    "action": "action",
-    "agents": "agents per scenario",
-    "column": "column of the cell",
-    "claim": "claim of the paper",
-    "first_seed": "seed of the first agent",
-    "high": "upper end of its 95 % interval, see `low`",
+COLUMNS = described("""\
+action: action
+agents: agents per scenario
+column: column of the cell
+claim: claim of the paper
+first_seed: seed of the first agent
+high: upper end of its 95 % interval, see `low`
+max: largest over agents
+mean: mean over agents
+min: smallest over agents
+optimal_share: share of agents whose greedy policy is optimal from the start cell
+part: number of the claim
+row: row of the cell
+right_side: side of the threshold on which the part must lie
+state: whether the part passes, fails or is undecided
+std: sample standard deviation over agents
+threshold: threshold
+value: what is measured
+verdict: verdict on the claim
+""") | {
     "low": """\
 lower end of its 95 % interval: bootstrap percentiles for ratios and levels, Student's t for own
-maps, Welch's for differences, simultaneous intervals of all cells' means for counts of cells""",
-    "max": "largest over agents",
-    "mean": "mean over agents",
-    "min": "smallest over agents",
-    "optimal_share": "share of agents whose greedy policy is optimal from the start cell",
-    "part": "number of the claim",
-    "row": "row of the cell",
-    "right_side": "side of the threshold on which the part must lie",
-    "state": "whether the part passes, fails or is undecided",
-    "std": "sample standard deviation over agents",
-    "threshold": "threshold",
-    "value": "what is measured",
-    "verdict": "verdict on the claim",
+maps, Welch's for differences, simultaneous intervals of all cells' means for counts of cells"""
 }
 
 

@@ -41,7 +41,7 @@ from benchmark.folder import (
 )
 from benchmark.page import build as page
 from benchmark.scenes import shipped
-from benchmark.study import Data, Functions, Report
+from benchmark.study import Data, Functions, Report, described
 from envs import InputError
 from envs.inputs import check_all, parse, shortened, unknown_name
 from envs.sources import find_module, imported
@@ -51,7 +51,7 @@ _MAX_WORDS = 900  # of README of a folder
 _MAX_ROWS = 24  # of a table in README; longer ones are only linked
 _PACKED = (tables.RUNS, tables.CURVES, tables.AGENTS)  # which `run` publishes
 # What columns mean: of runs and curves, and of any other table. A star stands for part of a name.
-_OF_RUNS = """\
+RUN_COLUMNS = described("""\
 scenario: scenario
 grid: grid of the experiment
 point: point of the grid
@@ -85,8 +85,8 @@ commit: commit of this project
 machine: system and cores
 processor: processor, and library of linear algebra
 versions: versions of packages, as JSON
-"""
-_OF_OTHERS = """\
+""")
+COLUMNS = RUN_COLUMNS | described("""\
 n: runs
 x: the learner that is compared
 y: the learner that it is compared with
@@ -95,9 +95,7 @@ differs: what else differs between x and y
 *_high: upper end of the 95 % interval of *
 *_x: * of x
 *_y: * of y
-"""
-RUN_COLUMNS = dict(line.split(": ", 1) for line in _OF_RUNS.splitlines())
-COLUMNS = RUN_COLUMNS | dict(line.split(": ", 1) for line in _OF_OTHERS.splitlines())
+""")
 
 
 class ClaimError(InputError):
@@ -173,6 +171,7 @@ class Study:
     experiment: Experiment
     module: ModuleType
     declared: Any
+    seeds: Sequence[int] | None  # those that were given, if not those declared
 
     def dict_of(self, name: str) -> dict[str, Any]:
         """Returns one of the module's dicts, such as its tables; empty if it has none."""
@@ -198,17 +197,17 @@ class Study:
         return str(function(data)) if function else ""
 
 
-def study_of(experiment: Experiment) -> Study:
+def study_of(experiment: Experiment, seeds: Sequence[int] | None = None) -> Study:
     """Returns the study of an experiment; an InputError says if they do not fit."""
     given, where = experiment.declared.report, experiment.argument
     if given is None:
         raise InputError(f"{where}: report is missing; add a [report] table.")
     module = load_study(str(given.get("kind", "")), where)
-    with mistakes_in(Path(str(module.__file__))):
+    with mistakes_in(module.__file__):
         declared = parse(getattr(module, "Declared", Report), given, f"{where}: report")
         if hasattr(module, "check"):
             module.check(experiment, declared)
-    return Study(experiment, module, declared)
+    return Study(experiment, module, declared, seeds)
 
 
 def load_study(name: str, source: str) -> ModuleType:
@@ -226,7 +225,7 @@ def first_line(named: object) -> str:
 
 
 @contextmanager
-def mistakes_in(path: Path) -> Iterator[None]:
+def mistakes_in(path: str | Path | None) -> Iterator[None]:
     """Turns whatever a file does wrong, such as dividing by zero, into an InputError."""
     try:
         yield
@@ -251,7 +250,7 @@ def write(experiment: Experiment, folder: Path, seeds: Sequence[int] | None = No
     New files replace the earlier ones when all are there, so a failure leaves the folder as it was.
     An InputError says if the runs are missing, or are not those that the experiment declares.
     """
-    study = study_of(experiment)
+    study = study_of(experiment, seeds)
     runs, curves = tables.read(folder)
     tables.check_declared(experiment, runs, seeds)
     keys = [key for key in tables.KEYS if key in runs]
@@ -262,11 +261,11 @@ def write(experiment: Experiment, folder: Path, seeds: Sequence[int] | None = No
     data = Data(experiment, study.declared, runs, curves, store=store)
     published = Folder(folder)
     with damaged(folder / tables.RUNS):
-        manifest = _manifest(study, runs, seeds)
+        manifest = _manifest(study, runs)
     with alone(folder.parent), replaced(folder, published.files) as aside:
         for name in {*_PACKED} & {*published.files}:
             (aside / name).write_bytes(published.content(name))
-        with mistakes_in(Path(str(study.module.__file__))):
+        with mistakes_in(study.module.__file__):
             for name, function in study.files.items():
                 made = function(data)
                 if isinstance(made, pd.DataFrame):
@@ -275,22 +274,21 @@ def write(experiment: Experiment, folder: Path, seeds: Sequence[int] | None = No
                 elif made is not None:
                     style.save(made, aside / name)
         write_manifest(aside, manifest)
-        for name, text in texts(study, Folder(aside), seeds).items():
+        for name, text in texts(study, Folder(aside)).items():
             write_text(aside / name, text)
 
 
-def _manifest(study: Study, runs: pd.DataFrame, seeds: Sequence[int] | None) -> dict[str, object]:
+def _manifest(study: Study, runs: pd.DataFrame) -> dict[str, object]:
     """Returns what made the results; drawing again gives the same."""
-    experiment, ids = study.experiment, sorted({*runs["run"]})
+    experiment, seeds, ids = study.experiment, study.seeds, sorted({*runs["run"]})
     option = "" if seeds is None else f" --seeds {seeds[0]}-{seeds[-1]}"
-    made_by = {f"{name}s": sorted({*runs[name]}) for name in ("commit", "machine", "processor")}
     return {
         "experiment": experiment.name,
         "command": f"python -m benchmark run {experiment.argument}{option} --report",
         "question": study.question,
         "runs": len(ids),
         "digest": hashlib.sha256("".join(ids).encode()).hexdigest(),
-        **made_by,
+        **{f"{name}s": sorted({*runs[name]}) for name in ("commit", "machine", "processor")},
         "versions": [json.loads(text) for text in sorted({*runs["versions"]})],
         "first_started_at": runs["started_at"].min(),
         "last_started_at": runs["started_at"].max(),
@@ -323,12 +321,12 @@ def _published(results: Path) -> list[Folder]:
     return [folder for folder in folders if "experiment" in folder.manifest]
 
 
-def texts(study: Study, folder: Folder, seeds: Sequence[int] | None = None) -> dict[str, str]:
+def texts(study: Study, folder: Folder) -> dict[str, str]:
     """Returns the texts of a folder, which its manifest does not list, by their files."""
     data = Data(study.experiment, study.declared, *tables.read(folder.path), folder.tables())
-    with mistakes_in(Path(str(study.module.__file__))):
+    with mistakes_in(study.module.__file__):
         meant = csv_text(meanings(study, data))  # before a finding can change a table
-        return {MEANINGS: meant, README: readme(study, folder, data, seeds)}
+        return {MEANINGS: meant, README: readme(study, folder, data)}
 
 
 def meanings(study: Study, data: Data) -> pd.DataFrame:
@@ -359,22 +357,19 @@ def meaning(column: str, known: Mapping[str, str]) -> str:
 # README of a folder
 
 
-def readme(study: Study, folder: Folder, data: Data, seeds: Sequence[int] | None = None) -> str:
+def readme(study: Study, folder: Folder, data: Data) -> str:
     """Returns README of a folder; tables that would make it too long are left out."""
-    shown = [
-        text
-        for name, columns in study.dict_of("SHOWN").items()
-        if (text := _shown(study, name, columns, data))
-    ]
-    answer, *others = answer_of(study, data, seeds).strip().split("\n\n")
+    tables_shown = (_shown(study, *each, data) for each in study.dict_of("SHOWN").items())
+    shown = [*filter(None, tables_shown)]
+    answer, *others = answer_of(study, data).strip().split("\n\n")
     figures = [
         f"![{file[:-4]}]({file})\n\n*{first_line(function)}*"
         for file, function in study.files.items()
         if file.endswith(".svg") and file in folder.files
     ]
-    reading = study.text("reading", data)
-    ends = [f"## How to read this\n\n{reading}"] if reading else []
-    ends += [_files(study, folder), _made(study, folder)]
+    ends = [_files(study, folder), _made(study, folder)]
+    if reading := study.text("reading", data):
+        ends = [f"## How to read this\n\n{reading}", *ends]
     start = [f"# {study.question}", answer, *figures[:1], *others]
     while True:
         text = "\n\n".join([*start, *figures[1:], *shown, *ends]) + "\n"
@@ -383,15 +378,15 @@ def readme(study: Study, folder: Folder, data: Data, seeds: Sequence[int] | None
         shown.pop()
 
 
-def answer_of(study: Study, data: Data, seeds: Sequence[int] | None = None) -> str:
+def answer_of(study: Study, data: Data) -> str:
     """Returns the finding of an experiment or, without one for these runs, its headline.
 
     A finding is what the function `finding` of a file returns, in Markdown, if it has one.
     """
     experiment, text = study.experiment, ""
     path = experiment.path.with_suffix(".py")
-    is_read = seeds is None and not experiment.declared.is_miniature and not is_from_bench(path)
-    if is_read and path.is_file():
+    is_whole = study.seeds is None and not experiment.declared.is_miniature
+    if is_whole and path.is_file() and not is_from_bench(path):
         try:
             module = ModuleType(path.stem)
             with mistakes_in(path):
@@ -406,8 +401,11 @@ def answer_of(study: Study, data: Data, seeds: Sequence[int] | None = None) -> s
 def _shown(study: Study, name: str, named: str, data: Data) -> str:
     """Returns a table as README shows it; empty if it is long, or not there."""
     frame = data.tables.get(name, pd.DataFrame())
-    there = [column for column in named.split() if column in frame]
-    columns = [column for column in there if not frame[column].isin(["", math.nan]).all()]
+    columns = [
+        column
+        for column in named.split()
+        if column in frame and not frame[column].isin(["", math.nan]).all()
+    ]
     if not columns or len(frame) > _MAX_ROWS:
         return ""
     titles = {key: learner.title for key, learner in study.experiment.learners.items()}
@@ -459,7 +457,11 @@ def _made(study: Study, folder: Folder) -> str:
     manifest, note = folder.manifest, " ".join(study.experiment.declared.note.split())
     commits = ", ".join(commit[:10] or "unknown" for commit in manifest["commits"])
     source = "stored runs" if hasattr(study.module, "READS_STORE") else f"`{tables.RUNS}`"
-    made = f"""\
+    parts = (
+        "## Origin",
+        note,
+        f"""\
 `{manifest["command"]}` made these results ({manifest["runs"]} runs, commit {commits}).
-`report {study.experiment.argument}` redraws them from {source}."""
-    return "\n\n".join(["## Origin", *filter(None, [note]), made])
+`report {study.experiment.argument}` redraws them from {source}.""",
+    )
+    return "\n\n".join(filter(None, parts))

@@ -107,8 +107,8 @@ def mark(axis: Axes, scene: Scene, is_marked: NDArray[np.bool_]) -> None:
     is_ping = action == PING
     centres = scene.position[cell][:, None]
     shapes = (centres[~is_ping] + ARROWHEADS[action[~is_ping]])[..., ::-1]
-    style: Style = {"facecolors": "white", "edgecolors": "black", "linewidths": 0.4}
-    axis.add_collection(PolyCollection(list(shapes), **style))
+    arrows = PolyCollection(list(shapes), facecolors="white", edgecolors="black", linewidths=0.4)
+    axis.add_collection(arrows)
     dots(axis, *scene.position[cell[is_ping]].T)
 
 
@@ -163,9 +163,8 @@ def shipped() -> Figure:
     for scenario in map(load_scenario, scenario_names()):
         place = scenario.layout.places[len(scenario.layout.places) // 2]
         # One place alone is compiled in no time.
-        changes: dict[str, object] = {"issuer.position": place if len(place) > 1 else place[0]}
-        if scenario.issuer.places:
-            changes["issuer.places"] = 1
+        number = {"issuer.places": 1} if scenario.issuer.places else {}
+        changes = {"issuer.position": place if len(place) > 1 else place[0], **number}
         models.append(compile_scenario(load_scenario(scenario, changes)))
     n_rows = math.ceil(len(models) / _COLUMNS)
     with figure_of(n_rows, _COLUMNS, (WIDTH, n_rows * _ROW + _LEGEND)) as (figure, axes):

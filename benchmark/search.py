@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from math import inf
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -21,12 +21,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from benchmark.experiment import Experiment, Learner, digest_of_search
-from benchmark.folder import Folder, digests
+from benchmark.folder import Folder
 from benchmark.specification import solved
 from benchmark.statistics import ALPHA, BOOTSTRAP_SEED, Floats, student, with_ends
 from benchmark.store import Store
-from benchmark.study import Data, Report, learning, solved_of
-from benchmark.style import WIDTH, figure_of, name_rows
+from benchmark.study import Data, Report, described, learning, solved_of
+from benchmark.style import WIDTH, figure_of, name_rows, note_beside
 from benchmark.tables import Group, tables
 from benchmark.trials import Choices, Chosen, Search, write_choices
 from envs import InputError
@@ -79,7 +79,7 @@ def ranked(means: "pd.Series[float]") -> list[int]:
     [1, 0, 2]
     """
     ordered = means.round(_DIGITS).sort_index().sort_values(ascending=False, kind="stable")
-    return [int(trial) for trial in ordered.index]
+    return ordered.index.tolist()
 
 
 def measured(experiment: Experiment, curves: pd.DataFrame) -> pd.DataFrame:
@@ -148,7 +148,8 @@ def found(data: Data) -> list[Outcome]:
 def write_chosen(experiment: Experiment, folder: Path) -> None:
     """Writes what was chosen, by published results, for experiments that name the search."""
     chosen = dict[str, Chosen]()
-    rows = Folder(folder).tables()["chosen"].set_index("learner").to_dict("index")
+    published = Folder(folder)
+    rows = published.tables()["chosen"].set_index("learner").to_dict("index")
     for name, learner in experiment.learners.items():
         row, tried = rows[name], experiment.declared.trials_of(learner.variant)
         own = experiment.declared.settings | learner.declared.settings
@@ -156,9 +157,8 @@ def write_chosen(experiment: Experiment, folder: Path) -> None:
         settings = override(kept, tried[row["trial"]], name)
         effort = {key: row[key] for key in ("trial", "trials", "runs", "steps", "cpu_time_s")}
         chosen[name] = Chosen(settings=settings, score=row["chosen"], **effort)
-    digest = digests(folder)["trials.csv"]
-    search = digest_of_search(experiment.declared)
-    write_choices(experiment.path, Choices(search=search, trials=digest, learners=chosen))
+    search, trials = digest_of_search(experiment.declared), published.files["trials.csv"]
+    write_choices(experiment.path, Choices(search=search, trials=trials, learners=chosen))
 
 
 # Tables
@@ -189,7 +189,7 @@ def trials_table(data: Data) -> pd.DataFrame:
 def chosen(data: Data) -> pd.DataFrame:
     """The chosen settings of each learner, and what fresh runs with them reach."""
     search = search_of(data.experiment)
-    n_finalists, rows = search.finalists * len(found(data)), list[dict[str, Any]]()
+    n_finalists, rows = search.finalists * len(found(data)), []
     runs = measured(data.experiment, data.curves)
     rises = runs[runs["seed"].isin(search.fresh)].groupby(["learner", "trial"])["rise"].mean()
     for outcome in found(data):
@@ -199,13 +199,21 @@ def chosen(data: Data) -> pd.DataFrame:
         )
         p = p_of_gain(best, default) if trial else 1.0
         own = data.runs[data.runs["learner"] == name]
-        row: dict[str, Any] = {"learner": name, "trial": trial}
-        row |= with_ends("default", student(default.mean(axis=0)))
-        row |= with_ends("chosen", student(best.mean(axis=0)))
-        row |= {"gain": row["chosen"] - row["default"], "p": min(1.0, p * n_finalists)}
-        row |= {"rise": rises[name, trial], "trials": len(outcome.first) - 1, "runs": len(own)}
-        cost = round(own["cpu_time_s"].sum(), 3)
-        rows.append(row | {"steps": own["budget"].sum(), "cpu_time_s": cost})
+        before, after = (student(each.mean(axis=0)) for each in (default, best))
+        row = {
+            "learner": name,
+            "trial": trial,
+            **with_ends("default", before),
+            **with_ends("chosen", after),
+            "gain": after.value - before.value,
+            "p": min(1.0, p * n_finalists),
+            "rise": rises[name, trial],
+            "trials": len(outcome.first) - 1,
+            "runs": len(own),
+            "steps": own["budget"].sum(),
+            "cpu_time_s": round(own["cpu_time_s"].sum(), 3),
+        }
+        rows.append(row)
     table = pd.DataFrame(rows)
     is_gain = (table[["gain", "rise"]].min(axis=1) >= _MARGIN) & (table["p"] <= ALPHA)
     return table.assign(verdict=np.where(is_gain, "gain", "no gain shown"))
@@ -217,12 +225,10 @@ def p_of_gain(chosen: Floats, default: Floats) -> float:
     Both are (scenarios, seeds). The test is exact for any distribution; seeds that share random
     streams make it conservative.
     """
-    rng, (n_scenarios, n_seeds) = np.random.default_rng(BOOTSTRAP_SEED), chosen.shape
-    sums = np.zeros(_PERMUTATIONS)
-    for i in range(n_scenarios):
-        both = np.concatenate([chosen[i], default[i]])
+    rng, sums = np.random.default_rng(BOOTSTRAP_SEED), np.zeros(_PERMUTATIONS)
+    for both in np.hstack([chosen, default]):
         drawn = rng.permuted(np.tile(both, (_PERMUTATIONS, 1)), axis=1)
-        sums += drawn[:, :n_seeds].sum(axis=1)
+        sums += drawn[:, : chosen.shape[1]].sum(axis=1)
     n_as_large = (sums >= chosen.sum() - 1e-9).sum()  # but for rounding
     return float((1 + n_as_large) / (1 + _PERMUTATIONS))
 
@@ -234,13 +240,12 @@ def effort(data: Data) -> pd.DataFrame:
     RL should account for tuning", openreview.net/forum?id=816gaVGHgP. Candidates do not count:
     nobody knows what it took to find them.
     """
-    rows, last = list[dict[str, Any]](), search_of(data.experiment).trials
+    rows, last = [], search_of(data.experiment).trials
     for outcome in found(data):
         runs = outcome.runs[outcome.runs["trial"] <= last]
-        of_scenes = [_expected(own) for _, own in runs.groupby("scenario")]
-        table = pd.DataFrame(of_scenes)
-        row = {"learner": outcome.learner.name, **table[["learned", "tried"]].sum()}
-        rows.append(row | {**table[["default", "total", "drawn"]].mean()})
+        table = pd.DataFrame(_expected(own) for _, own in runs.groupby("scenario"))
+        counts, means = table[["learned", "tried"]], table[["default", "total", "drawn"]]
+        rows.append({"learner": outcome.learner.name, **counts.sum(), **means.mean()})
     return pd.DataFrame(rows)
 
 
@@ -249,9 +254,13 @@ def _expected(runs: pd.DataFrame) -> dict[str, float]:
     is_default, budget = runs["trial"] == 0, int(runs["budget"].iloc[0])
     default, others = (runs["steps"][which].to_numpy() for which in (is_default, ~is_default))
     drawn = expected_drawn(others, budget)
-    total = np.where(np.isfinite(default), default, budget + drawn).mean()
-    numbers = {"default": default.mean(), "learned": int(np.isfinite(others).sum())}
-    return numbers | {"tried": len(others), "total": float(total), "drawn": drawn}
+    return {
+        "default": default.mean(),
+        "learned": np.isfinite(others).sum(),
+        "tried": len(others),
+        "total": np.where(np.isfinite(default), default, budget + drawn).mean(),
+        "drawn": drawn,
+    }
 
 
 def expected_drawn(steps: Floats, budget: int) -> float:
@@ -281,15 +290,15 @@ def figure(data: Data) -> Figure:
     """What trials reach; right: expected steps of search and training until a run has learned."""
     groups = groups_of(data.experiment)
     sizes = [len(learners) for learners in groups.values()]
-    with figure_of(len(groups), 1, (WIDTH, 0.23 * sum(sizes) + 0.5 * len(sizes) + 0.8)) as made:
-        figure, axes = made
+    size = WIDTH, 0.23 * sum(sizes) + 0.5 * len(sizes) + 0.8
+    with figure_of(len(groups), 1, size) as (figure, axes):
         axes[0, 0].get_gridspec().set_height_ratios(sizes)
         for axis, (scenarios, learners) in zip(axes[:, 0], groups.items(), strict=True):
             _draw_group(axis, learners, data.tables)
             axis.set_title(listed(scenarios), loc="left", fontweight="bold")
         axes[-1, 0].set_xlabel(f"{_MEASURE} (area)")
-        handles, labels = axes[0, 0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside upper center", ncols=4, frameon=False)
+        marks = axes[0, 0].get_legend_handles_labels()
+        figure.legend(*marks, loc="outside upper center", ncols=4, frameon=False)
     return figure
 
 
@@ -308,10 +317,8 @@ def _draw_group(axis: Axes, learners: list[Learner], tables: Mapping[str, pd.Dat
     name_rows(axis, [learner.title for learner in learners])
     axis.set(xlim=(-0.02, 1.02))
     steps = tables["effort"].set_index("learner")["total"]
-    place: dict[str, Any] = {"va": "center", "transform": axis.get_yaxis_transform()}
-    texts = ["steps", *(_steps(steps[name]) for name in names)]
-    for row, text in enumerate(texts, -1):
-        axis.text(1.02, row, text, fontsize="small", **place)
+    for row, text in enumerate(["steps", *map(_steps, steps[names])], -1):
+        note_beside(axis, row, text)
 
 
 def _steps(number: float) -> str:
@@ -329,31 +336,31 @@ SHOWN = {
     "chosen": "learner trial default chosen gain p verdict",
     "effort": "learner default learned tried total drawn",
 }
-COLUMNS = {
-    "area": f"{_MEASURE} and over scenarios, of first runs",
-    "chosen": "mean area of the chosen settings, with fresh seeds",
-    "cpu_time_s": "CPU seconds of training, sum over the runs of the search",
-    "default": "mean area of trial 0 with fresh seeds; in `effort.csv`, its steps until it learns",
-    "drawn": "`total` without trial 0",
-    "fresh_area": "`area` with fresh seeds; NaN if the trial did not run again",
-    "gain": "`chosen` minus `default`",
-    "is_chosen": "whether its settings are chosen",
-    "is_finalist": "whether it is among the best by first runs",
-    "kind": "default, drawn or candidate (known to work before the search)",
-    "learned": "first runs of drawn trials that have learned",
-    "median_steps": "steps until a first run has learned, median; inf if half never do",
-    "n_fresh": "runs with fresh seeds",
-    "p": "p-value of no gain, times the number of all finalists",
-    "rise": "success at the end of fresh runs with the chosen settings, minus that before training",
-    "runs": "runs of the search, with fresh ones",
-    "settings": "what the trial changes, as JSON",
-    "steps": "budgets of all these runs",
-    "total": "expected steps of search and training until a run has learned, mean over scenarios; "
-    "inf if none may ever in one of them",
-    "trials": "trials without trial 0",
-    "tried": "first runs of drawn trials",
-    "verdict": "whether a gain is shown, see README",
-}
+COLUMNS = described(f"""\
+area: {_MEASURE} and over scenarios, of first runs
+chosen: mean area of the chosen settings, with fresh seeds
+cpu_time_s: CPU seconds of training, sum over the runs of the search
+default: mean area of trial 0 with fresh seeds; in `effort.csv`, its steps until it learns
+drawn: `total` without trial 0
+fresh_area: `area` with fresh seeds; NaN if the trial did not run again
+gain: `chosen` minus `default`
+is_chosen: whether its settings are chosen
+is_finalist: whether it is among the best by first runs
+kind: default, drawn or candidate (known to work before the search)
+learned: first runs of drawn trials that have learned
+median_steps: steps until a first run has learned, median; inf if half never do
+n_fresh: runs with fresh seeds
+p: p-value of no gain, times the number of all finalists
+rise: success at the end of fresh runs with the chosen settings, minus that before training
+runs: runs of the search, with fresh ones
+settings: what the trial changes, as JSON
+steps: budgets of all these runs
+total: expected steps of search and training until a run has learned, mean over scenarios; inf if \
+none may ever in one of them
+trials: trials without trial 0
+tried: first runs of drawn trials
+verdict: whether a gain is shown, see README
+""")
 
 
 def headline(data: Data) -> str:

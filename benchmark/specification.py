@@ -53,8 +53,7 @@ class RunSpecification:
         feedback = [its.kind for its in self.scenario.own_feedback]
         naming = as_json([self.algorithm, self.settings, feedback], ensure_ascii=False)
         named = sorted({*re.findall(r'"([\w.]+):[\w.]+"', naming)})
-        digests = {name: digest_when_loaded(name) for name in named}
-        if code := {name: digest for name, digest in digests.items() if digest}:
+        if code := {name: digest for name in named if (digest := digest_when_loaded(name))}:
             values["code"] = code
         return as_json(values, sort_keys=True, separators=(",", ":"))
 

@@ -100,7 +100,7 @@ def all_rows(smoke: bool) -> list[Row]:
     s1, budget = compile_scenario(load_scenario("S1")), 20_000 // share
     cells = _training(s1, "q_learning", "index", {"budget": budget, "record_every": budget}, 200)
     loop = Side(5 * budget, partial(_loop, 5 * budget))
-    rows: list[Row] = [("q_learning_kernel", cells, loop, _LOOP)]
+    rows = [("q_learning_kernel", cells, loop, _LOOP)]
     for net, declared in read_toml(_NETS).items():
         name = net.partition("_")[0]
         for observation in declared.pop("observations"):

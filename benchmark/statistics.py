@@ -9,7 +9,7 @@ tests (Schuirmann 1987). P-values of several contrasts are adjusted by Holm's me
 Scandinavian Journal of Statistics 6:65-70): the probability of any wrong claim is at most 5 %.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -83,8 +83,10 @@ def proportion_interval(
     mean, n = np.asarray(mean), np.asarray(n)
     count = np.clip(mean, 0, 1) * n
     ones, zeros = np.maximum(count, _NONE), np.maximum(n - count, _NONE)
-    low = np.where(count > _NONE, special.betaincinv(ones, zeros + 1, tail), 0.0)
-    high = np.where(n - count > _NONE, special.betainccinv(ones + 1, zeros, tail), 1.0)
+    low, high = (
+        special.betaincinv(ones, zeros + 1, tail),
+        special.betainccinv(ones + 1, zeros, tail),
+    )
     return np.minimum(low, mean), np.maximum(high, mean)
 
 
@@ -104,12 +106,10 @@ def combined(
     is the root of the summed squares of the distances of the means' own ends (Zou and Donner
     2008, Statistics in Medicine 27:1693-1702). Weights may be negative.
     """
-    weight, mean = np.asarray(weights, dtype=float), np.asarray(means, dtype=float)
-    low, high = proportion_interval(mean, np.asarray(sizes), tail)
-    down, up = weight * (mean - low), weight * (high - mean)
-    sides = np.where(weight > 0, down, up), np.where(weight > 0, up, down)
-    value, below, above = float(weight @ mean), *(float(np.linalg.norm(side)) for side in sides)
-    return value - below, value + above
+    weight, mean = np.array(weights), np.array(means)
+    reach = weight * (np.array(proportion_interval(mean, np.array(sizes), tail)) - mean)
+    value, below, above = weight @ mean, reach.min(axis=0), reach.max(axis=0)
+    return float(value - np.linalg.norm(below)), float(value + np.linalg.norm(above))
 
 
 def p_above(
@@ -157,7 +157,7 @@ def median(values: Floats) -> Estimate:
     ranks = stats.binom.cdf(np.arange(n), n, 0.5)  # of at most so many values below the median
     low, high = int((ranks <= TAIL).sum()), int((ranks < 1 - TAIL).sum())
     ends = np.array([0.0, *np.sort(values), np.inf])
-    return Estimate(float(np.median(values)), float(ends[low]), float(ends[min(high + 1, n + 1)]))
+    return Estimate(float(np.median(values)), float(ends[low]), float(ends[high + 1]))
 
 
 def wins(x: Floats, y: Floats) -> Floats:
@@ -191,7 +191,7 @@ def holm(p_values: Sequence[float]) -> list[float]:
     order = np.argsort(adjusted, kind="stable")
     factors = np.arange(len(order), 0, -1)
     adjusted[order] = np.maximum.accumulate(np.minimum(factors * adjusted[order], 1.0))
-    return [float(p) for p in adjusted]
+    return [*map(float, adjusted)]
 
 
 class Means(NamedTuple):
@@ -248,30 +248,28 @@ def contrast(x: Means, y: Means, margin: float) -> Contrast:
 def contrasts(pairs: Sequence[tuple[Means, Means]], margin: float) -> list[Contrast]:
     """Compares pairs of learners; each kind of p-value is adjusted over all pairs."""
     found = [contrast(x, y, margin) for x, y in pairs]
-    different = holm([each.p_different for each in found])
-    equivalent = holm([each.p_equivalent for each in found])
-    return [
-        each._replace(p_different=p, p_equivalent=q)
-        for each, p, q in zip(found, different, equivalent, strict=True)
-    ]
+    *others, different, equivalent = zip(*found, strict=True)
+    return [*map(Contrast, *others, holm(different), holm(equivalent))]
 
 
 def standing_apart(x: Means, y: Means, margin: float, verdict: str) -> tuple[list[int], list[int]]:
     """Returns the indices of scenarios that contradict a verdict on x in the mean, or may do so.
 
     The first contradict it by their own difference: if it is *better* or *worse*, by the opposite
-    of the margin or more, else by either. The others do by their own 90 % interval only.
+    of the margin or more, else by either. The others may do so by their own 90 % interval.
     """
-    found, unsure = list[int](), list[int]()
-    for i, (a, n, b, m) in enumerate(zip(*x, *y, strict=True)):
-        difference = round(a - b, _DIGITS)
-        ends = combined([1, -1], [a, b], [n, m], ALPHA)
-        for where, (low, high) in ((found, (difference, difference)), (unsure, ends)):
-            is_worse = verdict != "worse" and low <= -margin
-            if is_worse or (verdict != "better" and high >= margin):
-                where.append(i)
-                break
-    return found, unsure
+
+    def contradicting(ends: Iterable[tuple[float, float]]) -> list[int]:
+        return [
+            i
+            for i, (low, high) in enumerate(ends)
+            if (verdict != "worse" and low <= -margin) or (verdict != "better" and high >= margin)
+        ]
+
+    pairs = [*zip(*x, *y, strict=True)]
+    gaps = (round(a - b, _DIGITS) for a, _, b, _ in pairs)
+    ends = (combined([1, -1], [a, b], [n, m], ALPHA) for a, n, b, m in pairs)
+    return contradicting((gap, gap) for gap in gaps), contradicting(ends)
 
 
 # The row of a table and the one-hot input of a net are the same observation.

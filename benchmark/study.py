@@ -25,11 +25,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import pandas as pd
-from matplotlib.figure import Figure
 from pydantic import AfterValidator
 
 from benchmark.experiment import Experiment, Solved
 from benchmark.style import Look, look
+from envs import InputError
 from envs.inputs import Label, Table, distinct
 
 Pair = Annotated[tuple[str, str], AfterValidator(distinct)]
@@ -72,14 +72,18 @@ class Data:
         return look(learners[str(learner)], learners.values())
 
 
-TableFunction = Callable[[Data], pd.DataFrame | None]
-FigureFunction = Callable[[Data], Figure | None]
 Functions = Mapping[str, Callable[[Data], Any]]
 
 
+def described(lines: str) -> dict[str, str]:
+    """Returns what columns mean, from lines such as "seed: seed of the run"."""
+    return dict(line.split(": ", 1) for line in lines.splitlines())
+
+
 def solved_of(experiment: Experiment) -> Solved:
-    """Returns the declared table `[solved]`."""
-    assert experiment.declared.solved is not None  # see the studies' `check`
+    """Returns the declared table `[solved]`; an InputError says if it is missing."""
+    if experiment.declared.solved is None:
+        raise InputError(f"{experiment.argument}: [solved] is missing; this report needs it.")
     return experiment.declared.solved
 
 
@@ -94,8 +98,8 @@ until the last one. {giving_up(experiment)}"""
 
 def giving_up(experiment: Experiment) -> str:
     """Says which runs are given up; empty if none is."""
-    solved = experiment.declared.solved
-    if solved is None or solved.given_up_after is None:
+    solved = solved_of(experiment)
+    if solved.given_up_after is None:
         return ""
     return f"""\
 A run whose success has not reached {solved.success / 2:g} by {100 * solved.given_up_after:.0f} % of

@@ -39,7 +39,7 @@ _RC = {
 # Colour and marker of a variant, in every figure. Tables are black, grey or green, linear learners
 # red, DQN blue, PPO orange. In grey, brightness differs.
 Look = dict[str, Any]
-_KNOWN: Mapping[str, tuple[str, str]] = {
+_KNOWN = {
     "q_learning": ("#000000", "o"),
     "watkins_q_lambda": ("#00856a", "D"),
     "replay_table": ("#17a2b8", "*"),
@@ -67,8 +67,8 @@ def look(learner: Learner, learners: Iterable[Learner]) -> Look:
     colour, marker = marks.get(drawn, _OTHERS[0])
     form = [*OBSERVED].index(learner.observation) if learner.observation in OBSERVED else 0
     dashes = (0, (1.5 * form, 1.5)) if form > 1 else "-"  # solid for the cells' index and one-hot
-    style: Look = {"color": colour, "marker": marker, "ls": dashes}
-    return style | ({} if drawn == learner.variant else {"mfc": "white"})
+    filling = {} if drawn == learner.variant else {"mfc": "white"}
+    return {"color": colour, "marker": marker, "ls": dashes, **filling}
 
 
 def settings() -> AbstractContextManager[None]:
@@ -167,8 +167,12 @@ def draw_rows(axis: Axes, rows: Sequence[Row], *, is_named: bool = True) -> None
         if row.look:
             axis.hlines(y, low, high, color=row.look["color"], lw=2)
             axis.plot(value, y, **row.look | {"ls": ""})
-            place: dict[str, Any] = {"va": "center", "transform": axis.get_yaxis_transform()}
-            axis.text(1.02, y, row.text, fontsize="small", **place)
+            note_beside(axis, y, row.text)
+
+
+def note_beside(axis: Axes, y: float, text: str) -> None:
+    """Writes a text right of a row of a chart."""
+    axis.text(1.02, y, text, fontsize="small", va="center", transform=axis.get_yaxis_transform())
 
 
 def name_lines(axis: Axes, lines: Mapping[str, tuple[float, Look]]) -> None:

@@ -6,7 +6,6 @@ shown, too, from their published runs.
 
 import re
 from functools import cache
-from importlib.util import find_spec
 from textwrap import fill
 from typing import Any
 
@@ -16,16 +15,15 @@ from matplotlib.colors import LogNorm, to_hex
 from matplotlib.figure import Figure
 
 from benchmark import tables
-from benchmark.comparison import AGGREGATES, aggregates, bootstrap
+from benchmark.comparison import bootstrap, check_packages
 from benchmark.experiment import Experiment, load_experiment
 from benchmark.folder import REPOSITORY
 from benchmark.records import random_success
 from benchmark.specification import solved
-from benchmark.statistics import Estimate, median, proportion, with_ends
-from benchmark.study import Data, FigureFunction, Report, TableFunction, learning, solved_of
+from benchmark.statistics import median, proportion, with_ends
+from benchmark.study import Data, Report, described, learning, solved_of
 from benchmark.style import WIDTH, colour_map, draw_cells, figure_of
-from envs import InputError, compile_scenario
-from envs.packages import missing_package
+from envs import compile_scenario
 
 SUITE = "suite"  # the experiment whose runs are published
 PUBLISHED_SUITE = REPOSITORY / "results" / SUITE  # an installed copy of the project has none
@@ -37,10 +35,8 @@ _CHARACTERS = 24  # of a line of a learner's title
 
 def check(experiment: Experiment, _: Report) -> None:
     """Raises an InputError if a table is missing, or a package of the report."""
-    if experiment.declared.solved is None:
-        raise InputError(f"{experiment.argument}: [solved] is missing; this report needs it.")
-    if find_spec("rliable") is None:  # said before any run
-        raise missing_package(f"{experiment.name}: its report", "rliable")
+    solved_of(experiment)
+    check_packages(experiment)
 
 
 # The tables
@@ -51,10 +47,8 @@ def published() -> Data | None:
     """Returns the published runs of the suite; None if there are none."""
     if not (PUBLISHED_SUITE / tables.RUNS).is_file():
         return None
-    experiment = load_experiment(SUITE)
-    runs, curves = tables.read(PUBLISHED_SUITE)
-    tables.check_declared(experiment, runs)
-    return Data(experiment, None, runs, curves)
+    found = tables.published(SUITE, PUBLISHED_SUITE.parent)
+    return Data(load_experiment(SUITE), None, *found)
 
 
 def is_suite(data: Data) -> bool:
@@ -78,22 +72,19 @@ def summary(data: Data) -> pd.DataFrame:
             if learner.name in known:  # a user's learner of the same name is shown instead
                 continue
             steps, success = outcomes(side, learner.name, run.scenario.name)
-            row: dict[str, Any] = {"learner": learner.name, "title": learner.title}
-            row |= {
+            model = compile_scenario(run.scenario.drawn(run.seed))
+            row = {
+                "learner": learner.name,
+                "title": learner.title,
                 "scenario": run.scenario.name,
                 "n": len(steps),
                 "n_learned": np.isfinite(steps).sum(),
+                **with_ends("steps", median(steps)),
+                **with_ends("success", proportion(success)),
+                "random_success": random_success(model, run.horizon),
             }
-            row |= with_ends("steps", median(steps)) | with_ends("success", proportion(success))
-            rows.append(
-                row | {"random_success": _chance(run.scenario.drawn(run.seed), run.horizon)}
-            )
+            rows.append(row)
     return pd.DataFrame(rows)
-
-
-@cache
-def _chance(scenario: Any, horizon: int) -> float:
-    return random_success(compile_scenario(scenario), horizon)
 
 
 def outcomes(data: Data, learner: str, scenario: str) -> tuple[Any, Any]:
@@ -108,23 +99,23 @@ def outcomes(data: Data, learner: str, scenario: str) -> tuple[Any, Any]:
 
 def learners(data: Data) -> pd.DataFrame:
     """Each learner over all scenes: how many it learns, and aggregates of success (rliable)."""
-    cells, rows = data.tables["summary"], list[dict[str, Any]]()
+    cells, rows = data.tables["summary"], []
     medians = cells.pivot(index="learner", columns="scenario", values="steps").clip(lower=1)
-    ratios = (
-        medians / medians.loc[RELATIVE_TO] if RELATIVE_TO in medians.index else medians * np.nan
-    )
+    logs = medians.where(np.isfinite(medians)).apply(np.log)
     for learner, own in cells.groupby("learner", sort=False):
-        ratio = ratios.loc[learner]
-        common = np.log(ratio[np.isfinite(ratio) & (ratio > 0)])
-        row = {"learner": learner, "title": own["title"].iloc[0], "n": own["n"].min()}
-        row |= {"scenes": len(own), "scenes_learned": np.isfinite(own["steps"]).sum()}
-        row |= {"relative_steps": np.exp(common.mean()), "common_scenes": len(common)}
+        common = (logs.loc[learner] - logs.reindex([RELATIVE_TO]).iloc[0]).dropna()
         side = next(side for side in sides(data) if learner in side.experiment.learners)
         success = [outcomes(side, str(learner), scene)[1] for scene in own["scenario"]]
-        ends = zip(AGGREGATES, *bootstrap(np.stack(success, axis=1), aggregates), strict=True)
-        for name, *values in ends:
-            row |= with_ends(name, Estimate(*values))
-        rows.append(row)
+        row = {
+            "learner": learner,
+            "title": own["title"].iloc[0],
+            "n": own["n"].min(),
+            "scenes": len(own),
+            "scenes_learned": np.isfinite(own["steps"]).sum(),
+            "relative_steps": np.exp(common.mean()),
+            "common_scenes": len(common),
+        }
+        rows.append(row | bootstrap(np.stack(success, axis=1)))
     return pd.DataFrame(rows)
 
 
@@ -133,46 +124,40 @@ def learners(data: Data) -> pd.DataFrame:
 
 def draw(data: Data) -> Figure:
     """Median steps until learned; darker: fewer. White: how many runs learn, where most do not."""
-    over_all, scenes = data.tables["learners"], [*dict.fromkeys(data.tables["summary"]["scenario"])]
-    scale, drawn = LogNorm(*_FASTEST_AND_SLOWEST, clip=True), list[list[tuple[str, str]]]()
-    for row in over_all.to_dict("records"):
-        cells = _texts(data, row["learner"])
-        colours = [_NEVER if steps == np.inf else _colour(scale(steps)) for _, steps in cells]
-        drawn.append([(text, colour) for (text, _), colour in zip(cells, colours, strict=True)])
-        drawn[-1] += [(text, _NEVER) for text in (_share(row), _ratio(row))]
+    over_all, scale = data.tables["learners"], LogNorm(*_FASTEST_AND_SLOWEST, clip=True)
+    blues = colour_map("Blues")
+
+    def colour(steps: float) -> str:  # dark text can be read on all
+        return _NEVER if steps == np.inf else to_hex(blues(0.6 - 0.5 * scale(steps)))
+
+    drawn = [
+        [(text, colour(steps)) for text, steps in _cells(data, row)]
+        for row in over_all.to_dict("records")
+    ]
     titles = [fill(title, _CHARACTERS, break_on_hyphens=False) for title in over_all["title"]]
-    columns = [re.sub("(?<=[a-z])(?=[A-Z])", "\n", scene) for scene in scenes]
+    columns = [re.sub("(?<=[a-z])(?=[A-Z])", "\n", scene) for scene in _scenes(data)]
     columns += ["scenes\nlearned", "steps /\ntiles'"]
     with figure_of(1, 1, (WIDTH, 0.4 * len(drawn) + 0.6)) as (figure, axes):
         draw_cells(axes[0, 0], drawn, titles, columns)
     return figure
 
 
-def _colour(share: float) -> str:
-    """Returns the colour of a share of the scale: darkest at 0, but dark text can be read on it."""
-    return to_hex(colour_map("Blues")(0.6 - 0.5 * share))
+def _scenes(data: Data) -> list[str]:
+    return [*dict.fromkeys(data.tables["summary"]["scenario"])]
 
 
-def _texts(data: Data, learner: str) -> list[tuple[str, float]]:
-    """Returns what cells of a learner say, and its median steps, by scene."""
+def _cells(data: Data, row: Any) -> list[tuple[str, float]]:
+    """Returns what cells of a learner say, with its median steps, by scene; then those of all."""
     cells = data.tables["summary"]
-    own = cells[cells["learner"] == learner].set_index("scenario").to_dict("index")
+    own = cells[cells["learner"] == row["learner"]].set_index("scenario").to_dict("index")
     found = list[tuple[str, float]]()
-    for scene in dict.fromkeys(cells["scenario"]):
-        row = own.get(scene, {"steps": np.inf, "n_learned": 0, "n": 0})
-        text = f"{row['steps']:,.0f}"
-        if row["steps"] == np.inf:
-            text = f"{row['n_learned']} of {row['n']}"
-        found.append((text, row["steps"]))
-    return found
-
-
-def _share(row: Any) -> str:
-    return f"{row['scenes_learned']} of {row['scenes']}"
-
-
-def _ratio(row: Any) -> str:
-    return f"{row['relative_steps']:.2g} ({row['common_scenes']})" if row["common_scenes"] else "-"
+    for scene in _scenes(data):
+        cell = own.get(scene, {"steps": np.inf, "n_learned": 0, "n": 0})
+        share = f"{cell['n_learned']} of {cell['n']}"
+        found.append((share if cell["steps"] == np.inf else f"{cell['steps']:,.0f}", cell["steps"]))
+    ratio, n_common = f"{row['relative_steps']:.2g} ({row['common_scenes']})", row["common_scenes"]
+    found.append((f"{row['scenes_learned']} of {row['scenes']}", np.inf))
+    return [*found, (ratio if n_common else "-", np.inf)]
 
 
 # The text
@@ -194,12 +179,12 @@ Scenes of {table["scenes"].max()} in which most runs of a learner ({sizes} in ea
 
 def rows_to_paste(data: Data) -> str:
     """Returns a Markdown table with a row for each of the experiment's own learners."""
-    table, scenes = data.tables["learners"], dict.fromkeys(data.tables["summary"]["scenario"])
-    head = ["learner", "runs", "scenes learned", "steps / tiles' (scenes)", "IQM of success"]
-    lines = [[*head, *scenes], ["---"] * (len(head) + len(scenes))]
+    table, head = data.tables["learners"], ["learner", "runs", "scenes learned"]
+    head += ["steps / tiles' (scenes)", "IQM of success", *_scenes(data)]
+    lines = [head, ["---"] * len(head)]
     for row in table[table["learner"].isin(data.experiment.learners)].to_dict("records"):
-        start = [row["title"], str(row["n"]), _share(row), _ratio(row), f"{row['iqm']:.2f}"]
-        lines.append([*start, *(text for text, _ in _texts(data, row["learner"]))])
+        *texts, share, ratio = (text for text, _ in _cells(data, row))
+        lines.append([row["title"], str(row["n"]), share, ratio, f"{row['iqm']:.2f}", *texts])
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
@@ -216,21 +201,21 @@ These are numbers, not verdicts: with few runs, a difference may be chance. Aggr
 are those of rliable, with 95 % intervals of a bootstrap within scenes."""
 
 
-TABLES: dict[str, TableFunction] = {"summary": summary, "learners": learners}
-FIGURES: dict[str, FigureFunction] = {"suite": draw}
+TABLES = {"summary": summary, "learners": learners}
+FIGURES = {"suite": draw}
 SHOWN = {"learners": "title n scenes_learned relative_steps common_scenes iqm mean"}
-COLUMNS = {
-    "title": "what readers call the learner",
-    "n": "runs in each scene",
-    "n_learned": "runs that have learned",
-    "steps": "median steps until learned; inf if half of the runs or more never learn",
-    "random_success": "success of the random policy; of drawn cells, with those of the first seed",
-    "scenes": "scenes in which it ran",
-    "scenes_learned": "scenes in which most of its runs learn",
-    "relative_steps": "steps relative to tile coding's, geometric mean over common scenes",
-    "common_scenes": "scenes that both it and tile coding learn",
-    "iqm": "interquartile mean of success, over runs and scenes",
-    "median": "median over scenes of the mean success over runs",
-    "mean": "mean success over runs and scenes",
-    "optimality_gap": "mean distance of success from 1",
-}
+COLUMNS = described("""\
+title: what readers call the learner
+n: runs in each scene
+n_learned: runs that have learned
+steps: median steps until learned; inf if half of the runs or more never learn
+random_success: success of the random policy; of drawn cells, with those of the first seed
+scenes: scenes in which it ran
+scenes_learned: scenes in which most of its runs learn
+relative_steps: steps relative to tile coding's, geometric mean over common scenes
+common_scenes: scenes that both it and tile coding learn
+iqm: interquartile mean of success, over runs and scenes
+median: median over scenes of the mean success over runs
+mean: mean success over runs and scenes
+optimality_gap: mean distance of success from 1
+""")

@@ -143,23 +143,16 @@ def publish(
             (made / name).write_bytes(gzip.compress(folders.csv_text(frame).encode(), mtime=0))
         agents(made / AGENTS)
         for path in made.iterdir():
-            there = folder / path.name
-            known = there.read_bytes() if there.is_file() else None
-            kept = _kept(path.read_bytes(), folders.committed(folder.name, path.name), known)
-            path.write_bytes(kept)
+            content, there = path.read_bytes(), folder / path.name
+            known = [folders.committed(folder.name, path.name)]
+            known += [there.read_bytes()] if there.is_file() else []
+            # Other versions of zlib make other bytes of the same content.
+            same = (each for each in known if each and unmeasured(each) == unmeasured(content))
+            path.write_bytes(next(same, content))
         manifest = dict[str, Any]()
         with suppress(InputError):  # it is missing, or damaged and made anew
             manifest = folders.Folder(folder).manifest
         folders.write_manifest(made, manifest)
-
-
-def _kept(made: bytes, *known: bytes | None) -> bytes:
-    """Returns the first known file with the same content but measured columns, else the made one.
-
-    Other versions of zlib make other bytes of the same content.
-    """
-    same = (each for each in known if each and unmeasured(each) == unmeasured(made))
-    return next(same, made)
 
 
 def unmeasured(packed: bytes) -> str | bytes:
@@ -239,17 +232,18 @@ def runs(experiment: str | Path, results: str | Path | None = None) -> pd.DataFr
     Raises:
       InputError: There is no such experiment, its runs are not there, or a file is damaged.
     """
-    return _published(experiment, results)[0]
+    return published(experiment, results)[0]
 
 
 def curves(experiment: str | Path, results: str | Path | None = None) -> pd.DataFrame:
     """Returns how each run learned, see `runs`: a row per run and evaluation at `step`."""
-    return _published(experiment, results)[1]
+    return published(experiment, results)[1]
 
 
-def _published(
+def published(
     experiment: str | Path, results: str | Path | None
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Returns both tables, see `runs`."""
     declared = load_experiment(experiment)
     folder = Path(results or "results") / declared.name
     if results is None and not (folder / RUNS).exists():

@@ -17,6 +17,7 @@ from benchmark.folder import damaged, sealed, unsealed
 from envs.inputs import Count, Table, distinct, require
 
 Seed = Annotated[int, Field(ge=0, le=900_000)]
+Values = dict[str, object]  # new ones, by dotted key
 _DIGITS = 3  # significant ones, of numbers that are drawn
 
 
@@ -107,7 +108,7 @@ class Search(Table):
         return range(self.first_seed, self.first_seed + self.seeds)
 
 
-def trials(variant: str, space: Space, n: int) -> list[dict[str, object]]:
+def trials(variant: str, space: Space, n: int) -> list[Values]:
     """Returns what trials 0 to n change of a variant's settings, by dotted key.
 
     >>> space = {"epsilon": Span(low=0, high=1)}
@@ -129,7 +130,7 @@ class Chosen(Table):
     """The settings that a search has chosen for a learner, and the effort of the search."""
 
     trial: int
-    settings: dict[str, object]
+    settings: Values
     score: float  # mean, on fresh runs, of what the search compares runs by
     trials: int  # that were tried, without trial 0
     runs: int  # on which the choice depends

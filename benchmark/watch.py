@@ -131,6 +131,5 @@ def draw(axis: Axes, title: str, records: Records, norm: Normalize, index: int) 
     axis.plot(columns[-1:], rows[-1:], "o", **_AGENT)
     score = records.unbounded_scores()[0, point]
     text = f"step {records.evaluation_steps[point]:,}, score {score:.2f}: {ending}"
-    style: Style = {"loc": "left", "size": "small", "wrap": True, "parse_math": False}
-    axis.set_title(f"{title}\n{text}", **style)
+    axis.set_title(f"{title}\n{text}", loc="left", size="small", wrap=True, parse_math=False)
     axis.set(xticks=[], yticks=[], xlabel="", ylabel="")

@@ -13,9 +13,10 @@ from importlib.metadata import packages_distributions
 from pkgutil import resolve_name
 from typing import Any, ClassVar, Self
 
+from numpy.random import SeedSequence
 from pydantic import ConfigDict, create_model, model_validator
 
-from agents.contract import DeepTraining, Fields, SequentialAlgorithm
+from agents.contract import DeepTraining, Fields, Schedule, SequentialAlgorithm
 from agents.sb3.settings import (
     OUR_SETTINGS,
     BufferSize,
@@ -24,6 +25,7 @@ from agents.sb3.settings import (
     Sb3Settings,
     StepCount,
 )
+from envs import Model
 from envs.inputs import Count, InputError, Share
 from envs.observations import IMAGES, VECTORS
 from envs.packages import needed_by
@@ -59,12 +61,14 @@ class Sb3Algorithm(SequentialAlgorithm):
         """Imports the class."""
         return resolve_name(self.path)
 
-    def train_agent(self, *args: Any, **kwargs: Any) -> Fields:
+    def train_agent(
+        self, model: Model, settings: Any, observation: str, seed: SeedSequence, schedule: Schedule
+    ) -> Fields:
         """Trains by `sb3.training.train_agent`; a missing package is a MissingPackageError."""
         with needed_by(self.path):
             cls = self.load()
             from agents.sb3.training import train_agent
-        return train_agent(cls, *args, **kwargs)
+        return train_agent(cls, model, settings, observation, seed, schedule)
 
 
 DQN = Sb3Algorithm("stable_baselines3:DQN", DqnSettings, policies=("greedy",))

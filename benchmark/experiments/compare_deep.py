@@ -23,7 +23,8 @@ NETS = {  # what the text calls them
 def finding(tables: Mapping[str, pd.DataFrame]) -> str:
     """Checks all claims, and returns the text."""
     contrasts, summary = tables["contrasts"], tables["summary"].set_index("learner")
-    mean = tables["aggregate"].set_index("learner")["success"].map("{:.2f}".format)
+    means = tables["aggregate"].set_index("learner")[["success", "score"]].map("{:.2f}".format)
+    mean, score = means["success"], means["score"]
     pairs = contrasts.set_index(["x", "y"])
     verdicts, sizes = pairs["success_verdict"], summary["n"]
     success = summary.set_index("scenario", append=True)["success"]
@@ -50,7 +51,6 @@ def finding(tables: Mapping[str, pd.DataFrame]) -> str:
         for net, title in NETS.items()
     ]
     against = " | ".join(f"against {title}, {mean[name]}" for name, title in TABLES.items())
-    score = tables["aggregate"].set_index("learner")["score"].map("{:.2f}".format)
     line = "\n"
     return f"""
 After 10,000 steps in S1, S2 and S3, the paper's own table succeeds with a probability of

@@ -60,9 +60,7 @@ def page(where: Path, folders: Sequence[Folder]) -> str:
         opening="" if is_own else opening,
         chapters="\n".join(each.html(is_open=is_own) for each in chapters),
         explorer=_explorer() if agents else "",
-        agents="\n".join(
-            f'<script type="application/gzip" class="agents">{packed}</script>' for packed in agents
-        ),
+        agents="\n".join(agents),
         css=css,
         js=js,
         css_digest=_digest(css),
@@ -75,7 +73,8 @@ def _agents(folder: Folder) -> str:
     packed = folder.content(AGENTS)
     with damaged(folder.path / AGENTS):
         unpacked(packed)
-    return base64.b64encode(packed).decode("ascii")
+    encoded = base64.b64encode(packed).decode("ascii")
+    return f'<script type="application/gzip" class="agents">{encoded}</script>'
 
 
 class _Chapter:

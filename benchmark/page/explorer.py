@@ -10,7 +10,6 @@ import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.colors import to_hex
@@ -48,12 +47,14 @@ def write(
         model = compile_seen(population.first.scenario, population.first.observation)
         if len(model.observation) > MAX_STATES:
             continue
+        observed = [component.name for component in model.components]
+        sight = {"observed": observed, "of": model.observation.tolist()}
         n_shown = max(MAX_MASKS // model.n_observations, 1)
         runs = population.runs(population.taken(seeds)[:n_shown])
         agents.append(
             _agents(population.learner, load_records(runs, store))
             | {"experiment": experiment.name}
-            | {"scene": _index(scenes, _scene(model)), "sight": _index(sights, _sight(model))}
+            | {"scene": _index(scenes, _scene(model)), "sight": _index(sights, sight)}
         )
     if agents:
         data = _CONSTANTS | {"scenes": scenes, "sights": sights, "agents": agents}
@@ -112,11 +113,6 @@ def _agents(learner: Learner, records: Records) -> dict[str, object]:
     }
 
 
-def _sight(model: Model) -> dict[str, object]:
-    observed = [component.name for component in model.components]
-    return {"observed": observed, "of": model.observation.tolist()}
-
-
 @kept_with_model
 def _scene(model: Model) -> dict[str, object]:
     """Returns the looks of a scenario and the effects of each action, whatever is observed of it.
@@ -127,13 +123,15 @@ def _scene(model: Model) -> dict[str, object]:
     """
     scenario, n_states = model.scenario, len(model.observation)
     views = [drawn.scene_of(model, context) for context in np.unique(model.context).tolist()]
-    effects: dict[str, NDArray[Any]] = {
+    effects = {
         "change": model.next_state - np.arange(n_states)[:, None, None],
         "terminated": model.terminated.astype(int),
         "over": model.is_over.astype(int),
+        "probability": model.probability,
+        "grid_reward": model.grid_reward,
+        "issuer_reward": model.issuer_reward,
+        "event": model.event,
     }
-    for name in ("probability", "grid_reward", "issuer_reward", "event"):
-        effects[name] = getattr(model, name)
     columns = np.concatenate([each.reshape(n_states, -1) for each in effects.values()], axis=1)
     _, first, kind = np.unique(columns, axis=0, return_index=True, return_inverse=True)
     starts = np.concatenate([model.starts, model.unseen_starts, model.new_way_starts])

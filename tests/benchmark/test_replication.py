@@ -113,7 +113,7 @@ def test_a_reading_says_which_curve_claims_are_about(monkeypatch: pytest.MonkeyP
 )
 def test_verdicts(side: str, parts: list[list[float]], verdict: str) -> None:
     measures = [lambda *_, numbers=numbers: Part("", *numbers) for numbers in parts]
-    claim = Claim("c", "", side, 1.0, [("S1",)], measures, "")
+    claim = Claim("c", "", side, 1.0, "S1", measures, "")
     assert set(judge({"S1": population()}, "", [claim])["verdict"]) == {verdict}
 
 
