@@ -68,7 +68,7 @@ def python(
     return subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True)
 
 
-COMMAND = "from benchmark.__main__ import script; sys.exit(script())"
+COMMAND = "from benchmark.__main__ import main; sys.exit(main())"
 
 
 def test_distributions_have_every_file(built: Path) -> None:

@@ -2,15 +2,20 @@
 
 import hashlib
 import json
+import re
+import sys
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from benchmark.experiment import load_experiment
 from benchmark.specification import evaluation_steps, solved
-from envs import load_scenario
+from envs import InputError, load_scenario
+from envs.scenario import SCENARIO_DIRECTORY
+from tests.support import made, small_experiment, variant
 
 RUN = load_experiment("reproduce").populations[0].first  # of Q-learning in S1
 
@@ -77,3 +82,18 @@ def test_a_run_has_learned_if_it_stays_until_twice_as_many_steps() -> None:
                 break
         else:
             assert (found, is_final) == (len(steps), False)
+
+
+def test_no_module_is_imported_that_only_a_text_names(tmp_path: Path) -> None:
+    """Neither in a description, nor beside a file that `bench` wrote among results."""
+    text = small_experiment(scenarios=["told.toml"])
+    scenario = (SCENARIO_DIRECTORY / "S1.toml").read_text(encoding="utf-8")
+    told = re.sub('description = ".*"', 'description = "this.q:x"', scenario)
+    (tmp_path / "told.toml").write_text(told, encoding="utf-8")
+    assert made(tmp_path / "mine.toml", text).populations[0].first.digest
+    assert "this" not in sys.modules
+    (folder := tmp_path / "bench_Mine").mkdir()
+    (folder / "stranger.py").write_text("import this", encoding="utf-8")
+    text = small_experiment(algorithms={"mine": variant("stranger:Mine")})
+    with pytest.raises(InputError, match="No module named 'stranger'"):
+        made(folder / "bench_Mine.toml", text)

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ COUNTED = {
 OTHERS = {"other.py": "", "inner/third.py": "", "mine.toml": "", "near_by/rate.txt": ""}
 
 RULE = """
+from importlib import import_module
 from pathlib import Path
 import numpy as np
 from agents.tabular.learner import TabularAlgorithm
@@ -30,6 +32,7 @@ from agents.tabular.updates import UpdateRule
 from rates import half, os as system
 MEASURED = tuple(np.loadtxt(Path(__file__).with_name("measured.csv"))), 1
 PATIENCE = float(system.environ.get("PATIENCE", 1.0))
+others = import_module("oth" + "ers")
 KIND = system.environ.get("KIND", "fast")
 def made(rate):
     return lambda after, step=float(system.environ.get("STEP", 1.0)): rate
@@ -41,6 +44,7 @@ FILES = {
     "rule_of_mine.py": RULE,
     "rates.py": "import os\nhalf = lambda: RATE\n"
     "RATE = float(open(__file__[:-8] + 'rate.txt').read())\n",
+    "others.py": "RATE = 1",
     "measured.csv": "1 2 3",
     "rate.txt": "0.5",
 }
@@ -71,6 +75,10 @@ def test_digest_is_of_a_module_and_of_all_that_it_imports(
         write(tmp_path, {name: text})
     names = "numpy", "random", "sys", "agents.tabular.learner", "no_such_module", "a..b", ""
     assert {digest_of_source(name) for name in names} == {""}
+    write(tmp_path, {"parts/__init__.py": "", "parts/one.py": "", "parts/two.py": ""})
+    before = digest_when_loaded("parts.one")
+    import_module("parts.two")  # as another process may not
+    assert digest_of_source("parts.one") == before != ""
 
 
 def test_numbers_from_files_and_the_environment_change_the_digest(
