@@ -2,9 +2,9 @@
 
 import sys
 
-if sys.argv[:1] == ["-m"]:  # this process is a command's
-    # Python looks for modules in the current folder first. Nothing there may run that is not named,
-    # not even in place of what is imported next.
+if sys.argv[:1] == ["-m"]:  # this process runs a command
+    # Python looks for modules in the current folder first. What lies there must not run in place of
+    # what is imported next.
     if __file__ != f"{sys.path[0]}/benchmark/__init__.py":
         del sys.path[: not sys.flags.safe_path]
     import signal

@@ -53,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(_INTERRUPTED, file=sys.stderr)
         if arguments is None:
-            sys.unraisablehook = lambda _: None  # what is only half made may be unable to go
+            sys.unraisablehook = lambda _: None  # half-built objects may fail again
         return 130
     except InputError as error:
         print(*(f"error: {line}" for line in str(error).split("\n")), sep="\n", file=sys.stderr)
@@ -99,7 +99,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _module_of(command: str) -> ModuleType:
-    """Imports the module of a command; an InputError says which package cannot be imported."""
+    """Imports the module of a command; an InputError says where that failed."""
     try:
         with needed_by(f"benchmark {command}"):
             return import_module(f"benchmark.{command}")
@@ -108,7 +108,7 @@ def _module_of(command: str) -> ModuleType:
     except Exception as error:
         frame = traceback.extract_tb(error.__traceback__)[-1]
         what = f"{frame.filename}, line {frame.lineno}: {type(error).__name__}: {error}"
-        raise InputError(f"{what}; accepted: packages that can be imported.") from error
+        raise InputError(f"{what}; install this package again.") from error
 
 
 def _open_streams() -> None:

@@ -149,7 +149,7 @@ def assess(
     A model that was loaded does not say behind which wrappers it was trained. Its last observation
     shows most that change observations, but not, for example, `1 - o`, or one that changes actions:
     assess a function. With another environment, as by `load(path, env=env)` or `set_env`, a model
-    forgets this observation: the result then has a note that it may be wrong.
+    loses this observation: the result then has a note that it may be wrong.
 
     Args:
       agent: A function that takes an observation and returns an action from 0 to 4
@@ -184,12 +184,12 @@ def assess(
 
 
 def _note(agent: Any) -> str:
-    """Returns what a model of Stable-Baselines3 does not say; empty if it says what it can."""
+    """Returns a warning if a model's last observation in training is missing; else empty."""
     if agent._last_obs is not None or not agent.num_timesteps:
         return ""
     return (
         "its last observation in training is missing: if wrappers, such as VecNormalize, changed "
-        "what it observed, this result is wrong; assess a function that does the same"
+        "what it observed, this result is wrong; assess a function that applies the same changes"
     )
 
 

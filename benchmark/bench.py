@@ -37,7 +37,7 @@ def main(options: argparse.Namespace) -> int:
         raise InputError(f'{path}: accepted: an experiment with extends = "{SUITE}".')
     print(_about(experiment))
     if published() is None:
-        print(f"Without the published learners: their runs, {PUBLISHED_SUITE}, are not there.")
+        print(f"The published learners are not shown, since {PUBLISHED_SUITE} does not exist.")
     others = {"experiment": str(path), "report": True, "seeds": None, "cluster": None}
     if code := run(Namespace(**vars(options) | others)):
         return code

@@ -96,7 +96,7 @@ def execute(
     """Executes a job on the worker that this is called on, if that has the driver's `environment`.
 
     The job is pickled, since code that differs from the driver's may be unable to read it. Users'
-    modules are found in the same folders as on the driver's machine.
+    modules must lie at the same paths as on the driver's machine.
     """
     use_same_instructions()  # an algorithm that is imported may use torch
     use_modules(modules)

@@ -386,7 +386,7 @@ def read_experiment(experiment: str | Path) -> tuple[Declaration, Path]:
 
 
 def is_from_bench(path: Path) -> bool:
-    """Returns whether `bench` wrote a file among results, where no code is looked for."""
+    """Returns whether `bench` wrote this file, among results, where no code is looked for."""
     return path.stem.startswith("bench_") and path.resolve().parent.name == path.stem
 
 

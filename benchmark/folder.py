@@ -108,10 +108,10 @@ def committed(name: str, file: str) -> bytes | None:
 
 
 def git(folder: Path, *arguments: str) -> bytes | None:
-    """Returns what git reads from its objects in a folder; None if it fails.
+    """Returns what a git command prints that only reads objects; None if it fails.
 
-    No command that reads objects runs what a repository's settings say if nothing is fetched, so
-    the repository may be somebody else's.
+    Such a command starts no program that the repository's settings name, since nothing is fetched.
+    So the repository may be somebody else's.
     """
     command = ["git", "-c", "safe.directory=*", "-C", str(folder), *arguments]
     alone = os.environ | {"GIT_NO_LAZY_FETCH": "1", "GIT_ALLOW_PROTOCOL": "none"}
@@ -211,7 +211,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def check_writable(folder: Path) -> None:
-    """Raises an InputError if there is such a folder, and no file can be written there."""
+    """Raises an InputError if a folder exists, but is not writable."""
     if folder.exists():
         with _unwritable(folder), TemporaryFile(dir=folder):
             pass

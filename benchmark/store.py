@@ -54,8 +54,8 @@ OR NOT EXISTS (SELECT 1 FROM runs WHERE digest = new.digest AND status != 'faile
 """
 MOVE = "move it away, or choose another folder with --results"
 _CHECK = "check that its folder is writable and has free space, and try again"
-_HELD = "end the program that uses it; if there is none, its file system has no locks: use another"
-_HELD += " folder, on this machine, with --results"
+_HELD = "stop the program that uses it; if there is none, the file system does not support locks:"
+_HELD += " choose a folder on a local disk with --results"
 _PATIENCE_MS = 60_000  # to wait for another program
 Arrays = Mapping[str, NDArray[Any]]
 Provenance = Mapping[str, Any]  # a record's versions, commit, machine and times

@@ -1,7 +1,7 @@
 """The command `verify`: is everything published what its runs make, and do runs repeat?
 
 Published folders are copied, made again from their tables of runs, and compared byte for byte.
-Some runs are trained again, and compared with their rows in the tables.
+Some runs, or all that a study needs, are trained again, and some compared with their rows.
 """
 
 import argparse
@@ -60,7 +60,7 @@ def main(options: argparse.Namespace) -> int:
     results, n_problems = options.results, 0
     shown = [each for each in experiments if (results / each.name).is_dir()]
     if not shown:
-        accepted = "a folder with " + ", ".join(each.name for each in experiments)
+        accepted = "a folder with at least one of " + ", ".join(each.name for each in experiments)
         raise InputError(f"--results {results}: nothing to verify; accepted: {accepted}.")
     with TemporaryDirectory() as name, alone(results):
         made = Path(name) / "results"
@@ -81,7 +81,7 @@ def main(options: argparse.Namespace) -> int:
         print(f"not checked: {', '.join(others)}.")
     if n_problems:
         print(f"problems found: {n_problems}.")
-    print("Digests show that files belong together, not who made them; repeated runs show more.")
+    print("Matching digests do not show who made the files; only training runs again does.")
     return int(n_problems > 0)
 
 
@@ -171,7 +171,8 @@ def _changes(experiment: Experiment, folder: Path, made: Path) -> Iterator[str]:
     published = Folder(folder)
     others = _others(experiment, published)
     if others:
-        yield f"{folder}: {MANIFEST} does not list {', '.join(others)}; move them away."
+        what = f"{MANIFEST} does not list {', '.join(others)}"
+        yield f"{folder}: {what}; accepted: only what it lists."
     published.check()
     if experiment.declared.search is not None:
         yield from unfounded(experiment, published)
@@ -186,9 +187,8 @@ def _changes(experiment: Experiment, folder: Path, made: Path) -> Iterator[str]:
         again = f"'report {experiment.argument}' writes them again"
         yield f"{folder}: different from what its runs make: {', '.join(different)}; {again}."
     else:
-        print(f"{experiment.name}: all {len(names)} files match its manifest and its runs.")
-        if AGENTS in published.files:
-            print(f"{experiment.name}: {AGENTS} is not made again: it needs the runs' records.")
+        but = f" ({AGENTS}: only its manifest)" if AGENTS in published.files else ""
+        print(f"{experiment.name}: all {len(names)} files match its manifest and its runs{but}.")
 
 
 def _others(experiment: Experiment, folder: Folder) -> list[str]:

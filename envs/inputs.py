@@ -33,7 +33,7 @@ class InputError(ValueError):
     """Mistakes in the user's input, one or more, each a line that can be shown as it is."""
 
     def __init__(self, *messages: object) -> None:
-        # Gymnasium's AsyncVectorEnv makes an error of an error.
+        # AsyncVectorEnv raises an error again with the error as its argument.
         lines = [*dict.fromkeys(map(_as_line, map(str, messages)))]
         n_more = len(lines) - _MAX_MESSAGES
         super().__init__(*lines[:_MAX_MESSAGES], *[f"and {n_more:,} more."] * (n_more > 0))

@@ -91,9 +91,9 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
 
     ## Episode End
     Terminates when the agent reaches a person, PINGs in the target region, or makes its fifth wrong
-    PING (`ping_limit`). The registered ids truncate an episode after 200 steps, also one that
-    terminates with its 200th step; `max_episode_steps=-1` lifts the limit, in `gymnasium.make` and
-    in `gymnasium.make_vec`. `ProxemicEnv(...)` has no limit.
+    PING (`ping_limit`). The registered ids truncate an episode after 200 steps; if it
+    terminates at step 200, both are true. `max_episode_steps=-1` lifts the limit, in
+    `gymnasium.make` and in `gymnasium.make_vec`. `ProxemicEnv(...)` has no limit.
 
     ## Information
     `event`, what the action led to, an index into `envs.EVENTS`; `zone`, where the agent is, an
@@ -146,7 +146,7 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
 
     @property
     def s(self) -> int:
-        """The hidden state; an episode goes on wherever it is set."""
+        """The hidden state; setting it continues, or begins, an episode there."""
         return self._s
 
     @s.setter
@@ -156,7 +156,7 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Moves the agent to the start, one of the starts if there are several; has no options."""
+        """Moves the agent to the start, one of several starts; takes no options."""
         if any(not str(name).startswith(_PASSED_ON) for name in options or ()):
             raise InputError(f"options = {shortened(repr(options))}; accepted: none.")
         super().reset(seed=seed, options=options)
@@ -171,7 +171,7 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         Raises a ResetNeeded before the first reset, and after an episode has terminated.
         """
         if self._needs_reset:
-            raise ResetNeeded("No episode has begun, or it has terminated: call reset first.")
+            raise ResetNeeded("The episode has not begun or has terminated: call reset() first.")
         try:
             if getattr(action, "shape", ()) != ():
                 raise TypeError("it is no single number")

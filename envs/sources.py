@@ -1,7 +1,8 @@
 """Users' own modules, which have no version: where they are, and what they depend on.
 
-A module that a file names is found beside that file, or in the current folder, and so are those
-that it imports. `sys.path` stays as it is, so nothing else that lies there can be imported.
+A module that a file names is looked for where Python does, then beside the file, then in the
+current folder; what it imports, in its own folder, too. `sys.path` stays as it is, so nothing else
+that lies there can be imported.
 """
 
 import ast
@@ -41,7 +42,7 @@ class _Finder(MetaPathFinder):
     """Finds modules in `FOUND`, and those that they import from the same folder."""
 
     def find_spec(self, name: str, path: object = None, _: object = None) -> Any:
-        """Returns where a module is; None if it is part of a package, or no user's."""
+        """Returns where a module is; None if it is part of a package, or not a user's."""
         folder = None if path else FOUND.get(name) or FOUND.get(_importer(inspect.currentframe()))
         spec = PathFinder.find_spec(name, [folder]) if folder else None
         if spec and folder:
@@ -62,7 +63,7 @@ def _importer(frame: FrameType | None) -> str:
 
 
 def search_beside(path: Path) -> None:
-    """Has modules found that a file names, see `find_module`."""
+    """Adds a file's folder to those where `find_module` looks."""
     folder = str(path.resolve().parent)
     _SEARCHED[:] = [folder, *(each for each in _SEARCHED if each != folder)]
 
@@ -95,7 +96,7 @@ def use_modules(found: Mapping[str, str]) -> None:
         sys.meta_path.append(_FINDER)  # last, so that users' modules hide no others
     for name, folder in found.items():
         if FOUND.setdefault(name, folder) != folder:
-            what = f"module {name} in {folder}: there is one of this name in {FOUND[name]}"
+            what = f"module {name} in {folder}: one of this name is in use from {FOUND[name]}"
             raise InputError(f"{what}; accepted: another name, or a new process.")
 
 
@@ -125,13 +126,14 @@ def digest_of_source(module: str) -> str:
 
     - the sources of the module and of the users' modules that they import, also by `import_module`
     - once the module has been imported, its global variables that are numbers, texts without a
-      slash, arrays or tuples of these, wherever the values are from; what its functions have of
-      these as defaults and in closures; and the same of the users' modules that it has objects of
+      slash (others may be paths), bytes, arrays or tuples of these, wherever the values are from;
+      what its functions have of these as defaults and in closures; and the same for users' modules
+      whose objects it holds
 
-    Variables that a function declares `global`, lists, dicts and attributes do not count, since
-    they may change, nor does code with a version: installed packages, Python's library and this
-    project. What a function reads when it is called, such as a file, and modules under names
-    composed at run time, cannot be seen.
+    Variables that a function declares `global`, lists, dicts and attributes of users' objects do
+    not count, since they may change, nor does code with a version: installed packages, Python's
+    library and this project. What a function reads when it is called, such as a file, and modules
+    under names composed at run time, cannot be seen.
     """
     importlib.invalidate_caches()
     trees: dict[str, ast.Module] = {}

@@ -34,7 +34,7 @@ class ProxemicVectorEnv(SyncVectorEnv):
         """Compiles the scenario; the arguments are those of `ProxemicEnv`, N and a time limit.
 
         `max_episode_steps` is None or -1 for no limit, and `autoreset_mode` as in `SyncVectorEnv`.
-        What is not accepted is an InputError.
+        Raises an InputError for other values.
         """
         limit = None if max_episode_steps == -1 else max_episode_steps
         given = {"num_envs": (num_envs, MAX_ENVS)}

@@ -32,8 +32,8 @@ class LinearSettings(TraceSettings):
     """Cells along each side of a tile."""
     parts: Parts = "joint"
     """Which positions are tiled together: all ("joint"), or the agent's with each person's, with
-    weights for each person ("agent_pairs") or the same for all ("shared_pairs"). Tiles of a pair
-    tell its own person's badge, and nobody else's."""
+    weights for each person ("agent_pairs") or the same for all ("shared_pairs"). Each pair's
+    tiles encode only its own person's badge."""
 
 
 class LinearAlgorithm(ValueAlgorithm):

@@ -141,7 +141,7 @@ def agent_table(agent: BaseAlgorithm, model: Model, observation: str) -> tuple[F
     except Exception as error:  # whatever the net raises
         accepted = "a model that decides by the observation alone, or a function of the observation"
         if {each.dtype for each in agent.policy.parameters()} != {torch.float32}:
-            accepted = "a net of single precision, as by model.policy.float()"
+            accepted = "a net in single precision; model.policy.float() converts it"
         raise InputError(
             f"agent: cannot be evaluated: {first_line(error)}; accepted: {accepted}."
         ) from error

@@ -218,5 +218,5 @@ def test_what_a_file_does_not_say_is_not_trusted(saved: dict[str, Path], tmp_pat
         assert re.match("its last observation in training is missing: .* is wrong", found.note)
     assert scored(PPO("MlpPolicy", env(), device="cpu")).note == ""
     loaded.policy.double()
-    with pytest.raises(InputError, match=r"accepted: a net of single precision, .*float\(\)"):
+    with pytest.raises(InputError, match=r"accepted: a net in single precision; .*float\(\)"):
         scored(loaded)

@@ -173,12 +173,13 @@ def test_a_store_that_another_program_holds(
     with Store(path := tmp_path / "runs.db") as ours:
         other = sqlite3.connect(path, isolation_level=None)
         other.execute("BEGIN EXCLUSIVE")
-        with pytest.raises(InputError, match=r"end the program that uses it; .* with --results"):
+        with pytest.raises(InputError, match=r"stop the program that uses it; .* with --results"):
             Store(path)
         assert f"{path}: waiting for another program" in capsys.readouterr().err
         other.close()
         error = sqlite3.OperationalError("disk I/O error")
-        for name, advice in (("SQLITE_IOERR_LOCK", "has no locks"), ("SQLITE_FULL", "free space")):
+        cases = {"SQLITE_IOERR_LOCK": "does not support locks", "SQLITE_FULL": "free space"}
+        for name, advice in cases.items():
             error.sqlite_errorname = name
             with pytest.raises(InputError, match=advice), ours._input_errors():
                 raise error

@@ -84,7 +84,7 @@ def test_what_is_no_part_of_the_results_is_named(
     os.mkfifo(results / "mine" / "pipe")
     code, said = verify(results, capsys)
     assert code == 1
-    assert "manifest.json does not list more, new.csv, pipe; move them away." in said
+    assert "manifest.json does not list more, new.csv, pipe; accepted: only what it lists." in said
     assert "different from what its runs make: index.html;" in said
     for name in (str(results / "mine.toml"), "reproduce"):
         nowhere = results / "typo" / "x"

@@ -91,7 +91,7 @@ def test_an_episode_begins_with_reset_or_where_the_state_is_set() -> None:
     with pytest.raises(InputError, match=r"options = .*3}; accepted: none\."):
         env.reset(options={"start": 3})
     for begin in (lambda: env.reset(options={}), lambda: setattr(env, "s", 5)):
-        with pytest.raises(ResetNeeded, match="call reset first"):
+        with pytest.raises(ResetNeeded, match=r"call reset\(\) first"):
             env.step(PING)
         begin()
         assert env.step(PING)[2]
