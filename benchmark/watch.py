@@ -98,8 +98,8 @@ def write(title: str, records: Records, path: Path) -> None:
     with figure_of(1, 1, size) as (figure, axes):
         frame = partial(draw, axes[0, 0], title, records, norm)
         is_value = not len(records.agents[0]["stochastic"])
-        label = "value" if is_value else "probability"
-        colour_bar(figure, [axes[0, 0]], norm, f"{label} of the best action", extend="both")
+        label = "value of the best action" if is_value else "probability of the likeliest action"
+        colour_bar(figure, [axes[0, 0]], norm, label, extend="both")
         frame(0)
         figure.draw_without_rendering()
         figure.set_layout_engine("none")  # a layout takes longer than a frame
