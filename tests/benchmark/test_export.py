@@ -23,6 +23,7 @@ from tests.support import ROOT, small_experiment, variant
 LEARNERS = {name: f"{name}, one_hot" for name in ("dqn", "ppo", "stock")}
 LEARNERS |= {"tiles": "tiles, coordinates", "table": "table"}
 SHORT: Any = {"settings": {"n_steps": 100}}
+TOLD: Any = {"settings": {"n_steps": 100, "policy_kwargs": {"ortho_init": "print()"}}}
 RATES = {"learning_rate": 1e-5, "policy_kwargs": {"optimizer_kwargs": {"eps": 1e-5}}}
 EXPERIMENT = small_experiment(
     scenarios=["S1", "S3"],
@@ -32,7 +33,7 @@ EXPERIMENT = small_experiment(
         "dqn": variant("compiled_dqn", "coordinates", "one_hot", settings=RATES),
         "ppo": variant("compiled_ppo", "one_hot", **SHORT),
         "table": variant("q_learning", "index"),
-        "stock": variant("stable_baselines3:PPO", "one_hot", **SHORT),
+        "stock": variant("stable_baselines3:PPO", "one_hot", **TOLD),
     },
 )
 
@@ -98,6 +99,8 @@ def test_settings_are_hyperparameters_of_the_zoo(folder: Path) -> None:
     agent = DQN("MlpPolicy", env, policy_kwargs=eval(text), **given)
     assert (agent.learning_rate, agent.batch_size, agent.buffer_size) == (1e-5, 32, 600)
     assert export(folder, "tiles", "tiles.yml") == 2
+    assert export(folder, "stock", "stock.yml") == 0  # a text stays one where this is evaluated
+    assert "dict(ortho_init='print()')" in (folder / "stock.yml").read_text()
 
 
 def test_documented_reader(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -148,12 +148,15 @@ def test_one_process_at_a_time(folder: Path) -> None:
     [
         (bytes(2000), "it unpacks to more than 1,000 bytes"),
         (b"," * 20, "it has 21 columns, more than 10"),
+        (b"a,b\n1" + b",1" * 20, "it has 21 columns, more than 10"),
+        (b"\n" * 20 + b",", "it has 20 rows, more than 10"),
     ],
 )
 def test_files_that_grow_when_they_are_read_are_refused(
     content: bytes, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(folders, "MAX_UNPACKED", 1000)
+    monkeypatch.setattr(folders, "MAX_ROWS", 10)
     monkeypatch.setattr(folders, "MAX_COLUMNS", 10)
     (tmp_path / RUNS).write_bytes(gzip.compress(content))
     (tmp_path / "wide.csv").write_bytes(content)

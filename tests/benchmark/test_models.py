@@ -164,9 +164,16 @@ class Flipped(ProxemicEnv):
         return 1 - super()._observe()
 
 
+def patched() -> Any:
+    made = env()
+    made.unwrapped.step = lambda action: ProxemicEnv.step(made.unwrapped, 4 - action)
+    return made
+
+
 @pytest.mark.parametrize(
     ("made", "named"),
     [
+        (patched, "ProxemicEnv"),
         (lambda: env(wrappers.RecordEpisodeStatistics, wrappers.NormalizeReward), ""),
         (lambda: vec_env.VecMonitor(vec_env.VecCheckNan(vec_env.DummyVecEnv([env]))), ""),
         (lambda: env(Shifted), "Shifted"),
