@@ -18,7 +18,6 @@ from typing import Any, NoReturn
 from benchmark import __version__
 from envs.inputs import InputError
 from envs.packages import contained, needed_by
-from envs.sources import VARIABLES
 
 _INTERRUPTED = "interrupted: what is stored is kept; repeat the command to go on."
 _EPILOG = """\
@@ -71,7 +70,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _set_process() -> None:
     """Sets up the process of a command."""
-    os.environ["MPLBACKEND"] = VARIABLES["MPLBACKEND"]  # a notebook's may not be installed
+    os.environ["MPLBACKEND"] = "agg"  # a notebook's may not be installed
     # No child imports what lies in the current folder, and no file there says where numba has its
     # compiled code.
     os.environ["PYTHONSAFEPATH"] = "1"

@@ -34,8 +34,6 @@ FOUND: dict[str, str] = {}
 _LIBRARY = Path(sysconfig.get_path("stdlib"))
 _INSTALLED = {"site-packages", "dist-packages"}
 _OURS = {"agents", "benchmark", "envs"}
-# Environment variables that this project sets, in some processes only.
-VARIABLES = {"MPLBACKEND": "agg", "MKL_CBWR": "AVX2", "ATEN_CPU_CAPABILITY": "avx2"}
 
 
 class _Finder(MetaPathFinder):

@@ -2,8 +2,6 @@
 
 import os
 
-from envs.sources import VARIABLES
-
 
 def use_same_instructions() -> None:
     """Keeps MKL and torch from AVX-512, whose sums differ, in a process that only trains.
@@ -13,5 +11,5 @@ def use_same_instructions() -> None:
     import llvmlite.binding  # which `import agents` does without
 
     if llvmlite.binding.get_host_cpu_features().get("avx2"):
-        for name in ("MKL_CBWR", "ATEN_CPU_CAPABILITY"):
-            os.environ.setdefault(name, VARIABLES[name])
+        os.environ.setdefault("MKL_CBWR", "AVX2")
+        os.environ.setdefault("ATEN_CPU_CAPABILITY", "avx2")

@@ -56,7 +56,7 @@ def page(where: Path, folders: Sequence[Folder]) -> str:
     opening = f"<p>{_INTRODUCTION}</p>\n<ul>\n{listed}\n</ul>"
     return _filled(
         "page.html",
-        title=chapters[0].name if is_own else _QUESTION,
+        title=where.name if is_own else _QUESTION,
         opening="" if is_own else opening,
         chapters="\n".join(each.html(is_open=is_own) for each in chapters),
         explorer=_explorer() if agents else "",
