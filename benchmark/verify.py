@@ -106,10 +106,10 @@ def _problems(
     yield from _unrepeated(shown, results, repeated, sample)
     for each in shown:
         if hasattr(report.study_of(each).module, "READS_STORE"):  # it needs all records
-            runs = [run for population in each.populations for run in population.runs()]
+            runs = interleaved(population.runs() for population in each.populations)
             what = f"{len(runs):,} runs, since their results need more than their tables"
             print(f"{each.name}: training all {what} ...", file=sys.stderr)
-            execute(interleaved([runs]), repeated, sample[-1])
+            execute(runs, repeated, sample[-1])
     checks = [_changes(each, results / each.name, made / each.name) for each in shown]
     if any(each.name in PUBLISHED for each in shown):
         checks.append(_texts(results, made))
